@@ -269,6 +269,38 @@ TEST(DenseInterpolator, OneCentreAndCoincidentOnes) {
   }
 }
 
+// The largest sum of absolute terms is that of one of three columns, at one of the places: of weights, or of the polynomial.
+TEST(Interpolator, RoundingIsThatOfTheLargestTerms) {
+  const auto centres = test::random_points(50, 34), points = test::random_points(8, 35);
+  const DenseInterpolator system(centres, {}, {});
+  const MatrixXd P = system.polynomials().matrix(points);
+  for (Eigen::Index large = 0; large < 3; ++large) {
+    for (const double size : {1e3, 1e-3}) {  // of weights, beside polynomials of 1
+      Interpolants interpolants;
+      const auto weights = test::random_values(50 * 3, 36), rest = test::random_values(4 * 3, 37);
+      interpolants.coefficients.resize(54, 3);
+      interpolants.coefficients.topRows(50) = size * Eigen::Map<const MatrixXd>(weights.data(), 50, 3);
+      interpolants.coefficients.bottomRows(4) = Eigen::Map<const MatrixXd>(rest.data(), 4, 3);
+      interpolants.coefficients.col(large) *= 10;
+      double largest = 0;
+      for (Eigen::Index i = 0; i < 8; ++i) {
+        for (Eigen::Index c = 0; c < 3; ++c) {
+          double kernels = 0;
+          for (Eigen::Index j = 0; j < 50; ++j) {
+            const double r =
+                std::sqrt(test::squared_distance(points[static_cast<std::size_t>(i)], centres[static_cast<std::size_t>(j)]));
+            kernels += r * r * r * std::abs(interpolants.coefficients(j, c));
+          }
+          const double terms = P.row(i).cwiseAbs().dot(interpolants.coefficients.col(c).tail(4).cwiseAbs());
+          largest = std::max({largest, kernels, terms});
+        }
+      }
+      const double expected = std::numeric_limits<double>::epsilon() / 2 * largest;
+      EXPECT_NEAR(system.rounding(interpolants, points), expected, 1e-12 * expected) << large << " " << size;
+    }
+  }
+}
+
 // Values that are off by a known amount, coefficients that are uncertain by a known share of themselves, and no value at all.
 TEST(ValueErrors, AreDifferencesUncertaintyAndRounding) {
   const auto centres = test::random_points(60, 31), points = test::random_points(10, 32);
