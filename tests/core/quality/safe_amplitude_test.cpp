@@ -6,6 +6,7 @@
 
 #include <cmath>
 #include <functional>
+#include <limits>
 #include <map>
 #include <random>
 
@@ -664,6 +665,23 @@ TEST(SafeAmplitude, Refuses) {
   context.stop = stop.get_token();
   stop.request_stop();
   test::expect_error(ErrorCode::cancelled, {}, [&] { safe_amplitude(X, X, &good, context); });
+}
+
+TEST(SafeAmplitude, EveryCheckRefusesWrongPoints) {
+  const Points X = reference(ElementType::tetrahedron);
+  const Elements tetrahedron = one(ElementType::tetrahedron);
+  const InversionCheck check(X, &tetrahedron);
+  Points spoilt = X;
+  spoilt[3][2] = std::numeric_limits<double>::infinity();
+  for (const auto& [wrong, parts] : {std::pair{Points(X.begin(), X.end() - 1), std::vector{"points", "expected 4", "got 3"}},
+                                     {spoilt, {"points[3]", "finite"}}}) {
+    const auto refused = [&, &parts = parts](const auto& use) { test::expect_error(ErrorCode::invalid_argument, parts, use); };
+    refused([&, &wrong = wrong] { check.inverted(wrong); });
+    refused([&, &wrong = wrong] { check.below(0.1, wrong, X); });
+    refused([&, &wrong = wrong] { check.below(0.1, X, wrong); });
+    refused([&, &wrong = wrong] { check.amplitude(wrong, X); });
+    refused([&, &wrong = wrong] { check.amplitude(X, wrong); });
+  }
 }
 
 }  // namespace
