@@ -269,6 +269,20 @@ TEST(DenseInterpolator, OneCentreAndCoincidentOnes) {
   }
 }
 
+TEST(Interpolator, BytesAreEstimatedForEverySolver) {
+  constexpr std::size_t m = 700;
+  for (const Solver solver : {Solver::cholesky, Solver::ldlt, Solver::iterative, Solver::incremental_qr}) {
+    SCOPED_TRACE(to_string(solver));
+    InterpolationOptions options;
+    options.solver = solver;
+    const auto system = make_interpolator(test::random_points(m, 38), options, {});
+    EXPECT_EQ(system->solver(), solver);
+    EXPECT_LE(system->bytes(), interpolator_bytes(m, solver) + m * sizeof(Vec3));
+    EXPECT_GE(2 * system->bytes(), interpolator_bytes(m, solver));
+    EXPECT_GT(interpolator_peak_bytes(m, solver), system->bytes());
+  }
+}
+
 // The largest sum of absolute terms is that of one of three columns, at one of the places: of weights, or of the polynomial.
 TEST(Interpolator, RoundingIsThatOfTheLargestTerms) {
   const auto centres = test::random_points(50, 34), points = test::random_points(8, 35);
