@@ -152,16 +152,6 @@ TEST(Integrals, FacetsWithCornersOfTheirOwn) {
   for (std::size_t i = 0; i < sum.size(); ++i) EXPECT_LT(distance(sum[i], whole.gradients[0][i]), 1e-14);
 }
 
-// The area has a kink where a face has none: it is left as it is there, and its neighbours have their own slopes.
-TEST(Area, FacesWithoutOneDoNotPull) {
-  Mesh mesh = test::sheet(2, 1, test::Faces::quads, [](std::uint32_t i, std::uint32_t j) { return Vec3{0.5 * i, 2.0 * j, 0}; });
-  const auto whole = make_area(mesh, {})->evaluate(mesh.points, Gradients::wanted);
-  test::add_face(mesh, {0, 1, 2});  // in line
-  const auto more = make_area(mesh, {})->evaluate(mesh.points, Gradients::wanted);
-  EXPECT_EQ(more.values, whole.values);
-  EXPECT_EQ(more.gradients, whole.gradients);
-}
-
 TEST(Volume, TurnsFacesThatPointInwards) {
   Mesh mesh = test::sphere(1, 3), inwards = mesh;
   for (std::size_t t = 0; t < mesh.face_count(); ++t) std::swap(inwards.face_points[3 * t], inwards.face_points[3 * t + 1]);
