@@ -42,8 +42,8 @@ SignedDistance distance_to(const Box& box, const Vec3& x) {
     found.slope[k] = sign[k];
     return found;
   }
-  Vec3 away{};
-  for (std::size_t i = 0; i < 3; ++i) away[i] = std::max(outside[i], 0.0);
+  Vec3 away = outside;
+  for (double& distance : away) distance = std::max(distance, 0.0);
   found.value = norm(away);
   for (std::size_t i = 0; i < 3; ++i) found.slope[i] = sign[i] * away[i] / found.value;
   return found;

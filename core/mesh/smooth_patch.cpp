@@ -62,10 +62,8 @@ std::vector<FaceEdge> edges_of(const SurfaceFaces& surface, const std::vector<st
       if (from != to) edges.push_back({std::min(from, to), std::max(from, to), from < to, f});
     }
   }
-  std::sort(edges.begin(), edges.end(), [](const FaceEdge& a, const FaceEdge& b) {
-    return std::pair(a.low, a.high) != std::pair(b.low, b.high) ? std::pair(a.low, a.high) < std::pair(b.low, b.high)
-                                                                : a.face < b.face;
-  });
+  std::sort(edges.begin(), edges.end(),
+            [](const FaceEdge& a, const FaceEdge& b) { return std::pair(a.low, a.high) < std::pair(b.low, b.high); });
   return edges;
 }
 

@@ -44,7 +44,6 @@ class ClampedInverse : public HeldInverse {
   /// The same if every function is nonzero at every held point.
   static Bytes estimate(std::size_t held, std::size_t functions);
 
-  double clamp() const { return clamp_; }
   /// The ratio of the largest to the smallest singular value in use.
   double condition() const override { return largest_ / values_[values_.size() - 1]; }
   std::size_t rank() const { return static_cast<std::size_t>(values_.size()); }

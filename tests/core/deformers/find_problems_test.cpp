@@ -82,6 +82,8 @@ TEST(FindProblems, SamplesOfWrongVariablesAreNotLookedAt) {
   EXPECT_THAT(fields(found_in(setup)), ElementsAre("method"));
   setup.variables[0].handle = "nobody";
   EXPECT_THAT(fields(found_in(setup)), ElementsAre("variables[0]", "method")) << "the tolerance is wrong all the same";
+  setup.method = RbfOptions{.solver = Solver::incremental_qr, .samples = {{0.5, 0.5}}};
+  EXPECT_THAT(fields(found_in(setup)), ElementsAre("variables[0]")) << "how many numbers a sample has depends on the variables";
 }
 
 TEST(FindProblems, LeavesOutWhatIsKnownAlready) {

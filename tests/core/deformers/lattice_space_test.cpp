@@ -6,6 +6,7 @@
 
 #include <Eigen/Dense>
 #include <cmath>
+#include <functional>
 #include <random>
 
 #include "core/base/vectors.h"
@@ -118,6 +119,33 @@ TEST(LatticeSpace, OnlyAffineDisplacementsDoNotBend) {
     EXPECT_GT(values[4], 1e-11 * largest);
     EXPECT_LT((K * Eigen::MatrixXd(model.space.linear)).cwiseAbs().maxCoeff(), 1e-12 * largest);
   }
+}
+
+// The cost of changes across held points that do not extend there is the stretching of the same field in that direction, a
+// millionth of what bends for the same trace in all directions; fields that change along them cost nothing more.
+TEST(LatticeSpace, ChangesAcrossThePlaneOfHeldPointsHaveASmallCost) {
+  const Mesh mesh = test::bumpy_sheet(9, 5);
+  const auto energy = [&](double stretching, double bending, const std::function<bool(std::size_t)>& holds) {
+    std::vector<RegionIndex> region_of(mesh.point_count(), deformable_region);
+    for (std::size_t i = 0; i < region_of.size(); ++i) region_of[i] = holds(i) ? fixed_region : deformable_region;
+    const EnergyModel model = lattice_model(mesh, options_of(LatticeBasis::uniform_cubic, stretching, bending), region_of, {});
+    return std::pair(full(model.space.energy), model.space.notes.size());
+  };
+  const auto all = [](std::size_t) { return true; };
+  const auto [bending, notes] = energy(0, 1, all);
+  const Eigen::MatrixXd stretching = energy(1, 0, all).first;
+  const double factor = 1e-6 * bending.trace() / stretching.trace();
+  const auto [of_one, notes_of_one] = energy(0, 1, [](std::size_t i) { return i == 22; });
+  EXPECT_EQ(notes_of_one, notes + 1);
+  EXPECT_LT((of_one - bending - factor * stretching).cwiseAbs().maxCoeff(), 1e-14 * bending.cwiseAbs().maxCoeff());
+  const auto [of_plane, notes_of_plane] = energy(0, 1, [](std::size_t i) { return i % 9 == 3; });  // of one x
+  EXPECT_EQ(notes_of_plane, notes + 1);
+  const EnergyModel model = model_of(mesh, options_of(LatticeBasis::uniform_cubic, 0, 1));
+  const Eigen::MatrixXd linear = Eigen::MatrixXd(model.space.linear);
+  const auto cost = [&](const Eigen::MatrixXd& K, Eigen::Index c) { return linear.col(c).dot(K * linear.col(c)); };
+  const double of_x = factor * cost(stretching, 1);
+  EXPECT_NEAR(cost(of_plane, 1), of_x, 1e-6 * of_x);
+  for (const Eigen::Index c : {0, 2, 3}) EXPECT_NEAR(cost(of_plane, c), 0, 1e-6 * of_x);
 }
 
 TEST(LatticeSpace, ValuesAreComputedAndReproduceCoordinates) {

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <random>
 #include <string>
 #include <vector>
@@ -187,6 +188,33 @@ TEST(MlsSpace, PointCloudsAndSoups) {
     EXPECT_TRUE(moved.allFinite());
     for (PointId i = 0; i < 400; ++i) EXPECT_NEAR(moved[i], std::clamp((mesh.points[i][0] - 0.07) / 0.86, 0.0, 1.0), 0.05);
   }
+}
+
+// What the notes say of supports, by the samples that have a value at each point.
+TEST(MlsSpace, NotesHaveTheRadiusAndHowOftenItCovers) {
+  const Mesh mesh = test::solid_cube(5);
+  const double diagonal = bounding_box(mesh.points).diagonal();
+  const EnergySpace space = mls_space(mesh, options(1, 1, 200, 100), 1);
+  const Eigen::MatrixXd samples = Eigen::MatrixXd(space.linear).rightCols(3);
+  double farthest = 0;
+  for (Eigen::Index i = 0; i < space.values.rows(); ++i) {
+    const Vec3& x = mesh.points[static_cast<std::size_t>(i)];
+    for (SparseRows::InnerIterator entry(space.values, i); entry; ++entry) {
+      farthest = std::max(farthest, (samples.row(entry.col()) - Eigen::RowVector3d(x[0], x[1], x[2]) / diagonal).norm());
+    }
+  }
+  int on_surface = 0, inside = 0;
+  double radius = 0, cover = 0;
+  ASSERT_EQ(std::sscanf(space.notes.at(0).c_str(),
+                        "%d samples on the surface, %d in the volume; supports of radius %lf D, which cover a point %lf times",
+                        &on_surface, &inside, &radius, &cover),
+            4)
+      << space.notes[0];
+  EXPECT_EQ(on_surface, 200);
+  EXPECT_EQ(inside, 100);
+  EXPECT_NEAR(cover, static_cast<double>(space.values.nonZeros()) / static_cast<double>(mesh.point_count()), 0.051);
+  EXPECT_LT(farthest, 1.005 * radius);  // of three digits
+  EXPECT_GT(farthest, 0.95 * radius);
 }
 
 // Parts that nothing holds follow those nearby instead of making the system singular.

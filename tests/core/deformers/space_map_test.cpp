@@ -9,7 +9,9 @@
 #include <array>
 #include <cmath>
 #include <functional>
+#include <mutex>
 #include <random>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -376,6 +378,26 @@ TEST(SpaceMap, RefusesWhatIsNotDefined) {
   });
 }
 
+// Two places for each point whose place is given: handle and fixed points where the solution does not determine them, and any
+// point where constraints move them.
+TEST(SpaceMap, SaysHowMuchMemoryItTakes) {
+  const auto mesh = shared(test::bumpy_sheet(21, 11));
+  deform::Setup setup = with_method(MlsOptions{});
+  const auto bytes = [&] { return prepare(mesh, setup)->space_bytes(1000).map; };
+  const std::size_t held = estimate(*mesh, setup).constraint_points;
+  ASSERT_GT(held, 20u);
+  EXPECT_EQ(bytes(), 48 * held);
+  setup.method = RbfOptions{};
+  EXPECT_EQ(bytes(), 48 * held);
+  MlsOptions soft;
+  soft.handles = HandleMode::soft;
+  setup.method = soft;
+  EXPECT_EQ(bytes(), 0u);
+  setup.method = MlsOptions{};
+  setup.constraints = {{"patch", {test::box({1.2, 0.1, -9}, {1.6, 0.9, 9})}, Planar{}}};
+  EXPECT_EQ(bytes(), 48 * mesh->point_count());
+}
+
 TEST(SpaceMap, StopsWhenItIsToldTo) {
   const auto mesh = shared(test::bumpy_sheet(21, 11));
   const std::vector<Vec3> places = random_places(100000, {0, 0, 0}, {1, 1, 0});
@@ -435,6 +457,35 @@ TEST(VectorJacobians, AreThoseOfSingleCalls) {
         for (std::size_t k = 0; k < 4; ++k) right += together[j][k] * direction[k];
         EXPECT_NEAR(left, right, 1e-8 * std::sqrt(square * static_cast<double>(3 * product.size())));
       }
+    }
+  }
+}
+
+// ---- stages ----
+
+// Whoever waits is told what for: each stage whose time is stated has been reported when it began.
+TEST(Stages, AreReportedByEveryMethod) {
+  const auto mesh = shared(test::bumpy_sheet(21, 11));
+  auto setups = all_setups();
+  setups.emplace_back("shell", with_method(ShellOptions{}));
+  for (const auto& [name, setup] : setups) {
+    SCOPED_TRACE(name);
+    std::mutex mutex;
+    std::set<std::string> told;
+    RunContext context;
+    context.on_progress = [&](const std::string& stage, double fraction) {
+      const std::lock_guard lock(mutex);
+      told.insert(stage);
+      EXPECT_GE(fraction, 0);
+      EXPECT_LE(fraction, 1);
+    };
+    const auto system = prepare(mesh, setup, context);
+    EXPECT_FALSE(system->info().stage_seconds.empty());
+    for (const auto& [stage, seconds] : system->info().stage_seconds) {
+      if (stage != "basis") {  // there may be none
+        EXPECT_EQ(told.count(stage), 1u) << stage;
+      }
+      EXPECT_GE(seconds, 0);
     }
   }
 }

@@ -385,6 +385,18 @@ TEST(TruncationTest, EveryPrefixIsReadOrRefused) {
   }
 }
 
+// ---- what messages say ----
+
+TEST(BadInputWords, OfMoreThan24CharactersAreCut) {
+  const auto expect_found = [](const std::string& word, const std::string& quoted) {
+    test::expect_error(ErrorCode::invalid_argument, {"line 1", ("found " + quoted).c_str()},
+                       [&] { parse_mesh("v 1 2 " + word + "\n", "a.obj"); });
+  };
+  expect_found(std::string(24, 'x'), "\"" + std::string(24, 'x') + "\"");
+  expect_found(std::string(25, 'x'), "\"" + std::string(24, 'x') + "...\"");
+  expect_found("x\xfft", "\"x?t\"");
+}
+
 // ---- coordinates to write ----
 
 class BadPointsTest : public testing::Test {

@@ -351,6 +351,16 @@ TEST(Vtu, RefusesWhatIsNoSuchFile) {
   expect_refused({{deep, {"more than 64 deep"}}});
 }
 
+TEST(Vtu, RefusesIntegersOfWhichAPartIsMissing) {
+  const std::string bytes = Writer({"", std::endian::little, 4, false, false, "binary"}).file();
+  const std::size_t begin = bytes.find(">\n", bytes.find("connectivity")) + 2, end = bytes.find('\n', begin);
+  std::string values = *base64_decoded(bytes.substr(begin, end - begin));
+  values.pop_back();
+  --values[0];  // the number of bytes, as it says itself
+  expect_refused({{std::string(bytes).replace(begin, end - begin, base64_encoded(values)),
+                   {"connectivity", "bytes are no whole number of values"}}});
+}
+
 TEST(Vtu, RefusesWrongPointsAndCells) {
   expect_refused({
       {spoilt(text, "NumberOfPoints=\"4\"", "NumberOfPoints=\"four\""), {"line 6", "NumberOfPoints=\"four\""}},

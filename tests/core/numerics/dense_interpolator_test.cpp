@@ -7,11 +7,13 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <map>
 #include <string>
 #include <thread>
 #include <vector>
 
+#include "core/numerics/interpolation/value_errors.h"
 #include "tests/core/numerics/random_points.h"
 #include "tests/support/expect_error.h"
 
@@ -265,6 +267,83 @@ TEST(DenseInterpolator, OneCentreAndCoincidentOnes) {
       make(std::vector<Vec3>(5, Vec3{1, 2, 3}), {}, solver);
     });
   }
+}
+
+TEST(Interpolator, BytesAreEstimatedForEverySolver) {
+  constexpr std::size_t m = 700;
+  for (const Solver solver : {Solver::cholesky, Solver::ldlt, Solver::iterative, Solver::incremental_qr}) {
+    SCOPED_TRACE(to_string(solver));
+    InterpolationOptions options;
+    options.solver = solver;
+    const auto system = make_interpolator(test::random_points(m, 38), options, {});
+    EXPECT_EQ(system->solver(), solver);
+    EXPECT_LE(system->bytes(), interpolator_bytes(m, solver) + m * sizeof(Vec3));
+    EXPECT_GE(2 * system->bytes(), interpolator_bytes(m, solver));
+    EXPECT_GT(interpolator_peak_bytes(m, solver), system->bytes());
+  }
+}
+
+// The largest sum of absolute terms is that of one of three columns, at one of the places: of weights, or of the polynomial.
+TEST(Interpolator, RoundingIsThatOfTheLargestTerms) {
+  const auto centres = test::random_points(50, 34), points = test::random_points(8, 35);
+  const DenseInterpolator system(centres, {}, {});
+  const MatrixXd P = system.polynomials().matrix(points);
+  for (Eigen::Index large = 0; large < 3; ++large) {
+    for (const double size : {1e3, 1e-3}) {  // of weights, beside polynomials of 1
+      Interpolants interpolants;
+      const auto weights = test::random_values(50 * 3, 36), rest = test::random_values(4 * 3, 37);
+      interpolants.coefficients.resize(54, 3);
+      interpolants.coefficients.topRows(50) = size * Eigen::Map<const MatrixXd>(weights.data(), 50, 3);
+      interpolants.coefficients.bottomRows(4) = Eigen::Map<const MatrixXd>(rest.data(), 4, 3);
+      interpolants.coefficients.col(large) *= 10;
+      double largest = 0;
+      for (Eigen::Index i = 0; i < 8; ++i) {
+        for (Eigen::Index c = 0; c < 3; ++c) {
+          double kernels = 0;
+          for (Eigen::Index j = 0; j < 50; ++j) {
+            const double r =
+                std::sqrt(test::squared_distance(points[static_cast<std::size_t>(i)], centres[static_cast<std::size_t>(j)]));
+            kernels += r * r * r * std::abs(interpolants.coefficients(j, c));
+          }
+          const double terms = P.row(i).cwiseAbs().dot(interpolants.coefficients.col(c).tail(4).cwiseAbs());
+          largest = std::max({largest, kernels, terms});
+        }
+      }
+      const double expected = std::numeric_limits<double>::epsilon() / 2 * largest;
+      EXPECT_NEAR(system.rounding(interpolants, points), expected, 1e-12 * expected) << large << " " << size;
+    }
+  }
+}
+
+// Values that are off by a known amount, coefficients that are uncertain by a known share of themselves, and no value at all.
+TEST(ValueErrors, AreDifferencesUncertaintyAndRounding) {
+  const auto centres = test::random_points(60, 31), points = test::random_points(10, 32);
+  const auto given = test::random_values(60 * 2, 33);
+  const DenseInterpolator system(centres, {}, {});
+  Interpolants interpolants = system.interpolate(Eigen::Map<const MatrixXd>(given.data(), 60, 2), 0);
+  interpolants.uncertainty.resize(0, 0);
+  const std::vector<double> sums = system.direct_values(interpolants, points);
+  MatrixXd values(10, 2);
+  for (Eigen::Index i = 0; i < 10; ++i) {
+    for (Eigen::Index c = 0; c < 2; ++c) values(i, c) = sums[static_cast<std::size_t>(2 * i + c)];
+  }
+  const MatrixXd rounding = value_errors(system, interpolants, points, values, {});
+  for (Eigen::Index i = 0; i < 10; ++i) {
+    for (Eigen::Index c = 0; c < 2; ++c) {
+      EXPECT_GE(rounding(i, c), 1e-16 * std::abs(values(i, c)));
+      EXPECT_LE(rounding(i, c), 1e-12);
+    }
+  }
+  interpolants.uncertainty = 1e-8 * interpolants.coefficients;
+  const MatrixXd uncertain = value_errors(system, interpolants, points, values, {});
+  EXPECT_LT((uncertain - rounding - 1e-8 * values.cwiseAbs()).cwiseAbs().maxCoeff(), 1e-15);
+  MatrixXd off = values;
+  off(3, 1) += 1e-6;
+  off(4, 0) = std::nan("");
+  const MatrixXd wrong = value_errors(system, interpolants, points, off, {});
+  EXPECT_NEAR(wrong(3, 1), uncertain(3, 1) + 1e-6, 1e-12);
+  EXPECT_EQ(wrong(4, 0), std::numeric_limits<double>::infinity());
+  EXPECT_EQ(wrong(4, 1), uncertain(4, 1));
 }
 
 }  // namespace

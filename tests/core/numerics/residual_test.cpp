@@ -7,11 +7,13 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
+#include <stop_token>
 #include <vector>
 
 #include "core/numerics/interpolation/dense_interpolator.h"
 #include "tests/core/numerics/every_target.h"
 #include "tests/core/numerics/random_points.h"
+#include "tests/support/expect_error.h"
 
 namespace deform {
 namespace {
@@ -81,6 +83,34 @@ TEST(Residual, HasItsDigitsWhereDoublesCancel) {
     });
     EXPECT_GT(expected.cwiseAbs().maxCoeff(), 0);
   }
+}
+
+TEST(Residual, RootSquareSumsAreThoseOfTheTerms) {
+  const auto centres = test::random_points(40, 6), points = test::random_points(9, 7);
+  const auto values = test::random_values((40 + 4) * 2, 8);
+  const MatrixXd W =
+      Eigen::Map<const MatrixXd>(values.data(), 40 + 4, 2);  // with the coefficients of a polynomial, which do not count
+  for (const RadialKernel& kernel : test::all_kernels()) {
+    const MatrixXd got = root_square_sums(kernel, points, centres, W, {});
+    ASSERT_EQ(got.rows(), 9);
+    ASSERT_EQ(got.cols(), 2);
+    for (Index i = 0; i < 9; ++i) {
+      for (Index c = 0; c < 2; ++c) {
+        Long sum = 0;
+        for (Index j = 0; j < 40; ++j) {
+          const double square = test::squared_distance(points[static_cast<std::size_t>(i)], centres[static_cast<std::size_t>(j)]);
+          const Long term = long_value(kernel, square) * W(j, c);
+          sum += term * term;
+        }
+        EXPECT_NEAR(got(i, c), static_cast<double>(std::sqrt(sum)), 1e-13) << properties(kernel.kernel).name;
+      }
+    }
+  }
+  std::stop_source stop;
+  stop.request_stop();
+  RunContext cancelled;
+  cancelled.stop = stop.get_token();
+  test::expect_error(ErrorCode::cancelled, {}, [&] { root_square_sums({}, points, centres, W, cancelled); });
 }
 
 TEST(Residual, SameBitsForAnyNumberOfThreads) {

@@ -405,6 +405,8 @@ TEST(FlippedFaces, RefusesOtherNumbersOfPointsAndBearsAnything) {
   const FlipCheck check(rest, rest.points);
   EXPECT_EQ(check.face_count(), 16u);
   EXPECT_LE(check.bytes(), FlipCheck::bytes_for(rest));
+  const Mesh large = unit_sheet(40, Faces::quads);
+  EXPECT_LE(FlipCheck::bytes_for(large), 4 * FlipCheck(large, large.points).bytes()) << "for edges of four faces, these have two";
   test::expect_error(ErrorCode::invalid_argument, {"24", "25"}, [&] { check.flipped(Points(24)); });
   test::expect_error(ErrorCode::invalid_argument, {"7", "25"}, [&] { FlipCheck(rest, Points(7)); });
   Points points = rest.points;

@@ -6,6 +6,7 @@
 
 #include <cmath>
 #include <functional>
+#include <limits>
 #include <map>
 #include <random>
 
@@ -566,6 +567,39 @@ TEST(SafeAmplitude, RandomMotionsOfPolyhedra) {
   EXPECT_GT(count.fine, 5u);
 }
 
+// A third of a turn halves the cell across its axis half-way, and there the edge at (1, 1), which is off by `off` at either end,
+// is twice as far off and near the opposite one: the faces beside it look away from the cell's centre, though all of it has a
+// volume. Where they hardly do, they do so for a short while before and after, which no halving of the way meets.
+TEST(SafeAmplitude, PyramidsOfPolyhedraThatAreWrongOnTheWayOnly) {
+  const Grid g = grid(1, 1, 1);
+  PolyhedralLimits limits;
+  limits.pyramid_volume = 0;
+  const auto turned = [](const Vec3& p, double degrees) {
+    const double c = std::cos(degrees * std::acos(-1) / 180), s = std::sin(degrees * std::acos(-1) / 180);
+    return Vec3{c * p[0] - s * p[1], s * p[0] + c * p[1], p[2]};
+  };
+  const auto way = [&](double off, double t) {
+    const auto with_edge = [&](double degrees) {
+      const Vec3 away = off * std::sqrt(0.5) * turned({-1, -1, 0}, degrees);
+      return mapped(g.points, [&](const Vec3& p) { return p[0] + p[1] > 1.5 ? p + away : p; });
+    };
+    return between(with_edge(60), mapped(with_edge(-60), [&](const Vec3& p) { return turned(p, 120); }), t);
+  };
+  const auto sound = [&](const Points& points) { return has_no_errors(points, g.cells); };
+  double fine = 0.3, wrong = 0.6;  // at the place where it begins
+  for (int k = 0; k < 40; ++k) (sound(way(0.5 * (fine + wrong), 0.4283)) ? fine : wrong) = 0.5 * (fine + wrong);
+  Sampled count;
+  for (const double more : {-1e-1, -1e-3, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 5e-2}) {
+    const Points X = way(wrong + more, 0), Y = way(wrong + more, 1);
+    for (int k = 0; k <= 20; ++k) {
+      EXPECT_EQ(polyhedral_quality(between(X, Y, k / 20.0), g.cells, limits).negative_volumes, 0u);
+    }
+    compare(X, Y, &g.cells, sound, count);
+  }
+  EXPECT_EQ(count.fine, 2u);
+  EXPECT_EQ(count.inverting, 7u);
+}
+
 TEST(SafeAmplitude, SameBitsForAnyNumberOfThreads) {
   const Grid g = grid(16, 16, 16);
   std::mt19937_64 random(29);
@@ -631,6 +665,23 @@ TEST(SafeAmplitude, Refuses) {
   context.stop = stop.get_token();
   stop.request_stop();
   test::expect_error(ErrorCode::cancelled, {}, [&] { safe_amplitude(X, X, &good, context); });
+}
+
+TEST(SafeAmplitude, EveryCheckRefusesWrongPoints) {
+  const Points X = reference(ElementType::tetrahedron);
+  const Elements tetrahedron = one(ElementType::tetrahedron);
+  const InversionCheck check(X, &tetrahedron);
+  Points spoilt = X;
+  spoilt[3][2] = std::numeric_limits<double>::infinity();
+  for (const auto& [wrong, parts] : {std::pair{Points(X.begin(), X.end() - 1), std::vector{"points", "expected 4", "got 3"}},
+                                     {spoilt, {"points[3]", "finite"}}}) {
+    const auto refused = [&, &parts = parts](const auto& use) { test::expect_error(ErrorCode::invalid_argument, parts, use); };
+    refused([&, &wrong = wrong] { check.inverted(wrong); });
+    refused([&, &wrong = wrong] { check.below(0.1, wrong, X); });
+    refused([&, &wrong = wrong] { check.below(0.1, X, wrong); });
+    refused([&, &wrong = wrong] { check.amplitude(wrong, X); });
+    refused([&, &wrong = wrong] { check.amplitude(X, wrong); });
+  }
 }
 
 }  // namespace

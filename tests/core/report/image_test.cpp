@@ -7,6 +7,7 @@
 
 #include <array>
 #include <cmath>
+#include <cstdio>
 #include <limits>
 #include <string>
 
@@ -38,6 +39,16 @@ struct Scene {
     const auto first = static_cast<PointId>(mesh.points.size());
     for (const auto& [x, y] : {std::pair{-half, -half}, {half, -half}, {half, half}, {-half, half}}) {
       mesh.points.push_back(middle + Vec3{x, y, 0});
+      values.push_back(value);
+    }
+    test::add_face(mesh, {first, first + 1, first + 2, first + 3});
+  }
+  /// A square around the origin.
+  void add_across(const Vec3& normal, double value) {
+    const Vec3 along = cross(normal, {0, 1, 0}), up = cross(normal, along);
+    const auto first = static_cast<PointId>(mesh.points.size());
+    for (const auto& [x, y] : {std::pair{-1, -1}, {1, -1}, {1, 1}, {-1, 1}}) {
+      mesh.points.push_back(x / norm(along) * along + y / norm(up) * up);
       values.push_back(value);
     }
     test::add_face(mesh, {first, first + 1, first + 2, first + 3});
@@ -102,6 +113,26 @@ TEST(Image, HasTheEndsOfTheScaleBeyondItAndGreyWithoutAValue) {
   const Pixel grey = colour(std::numeric_limits<double>::quiet_NaN());
   EXPECT_LT(std::abs(grey[0] - grey[2]), 20);
   EXPECT_NE(grey, colour(0));
+}
+
+TEST(Image, HasTheColourOfTheScaleWhereFacesLookAtTheLamp) {
+  const std::string gradient = scale_gradient();
+  Pixel full{0, 0, 0, 255};
+  ASSERT_EQ(std::sscanf(gradient.c_str(), "linear-gradient(90deg,rgb(%d,%d,%d)", &full[0], &full[1], &full[2]), 3);
+  const auto seen = [](const Vec3& normal) {
+    Scene scene;
+    scene.add_across(normal, 0);
+    return at(scene.drawn(), 50, 40);
+  };
+  const Vec3 lamp{0.25, 0.35, 0.9};
+  EXPECT_EQ(seen(lamp), full);
+  EXPECT_EQ(seen(-1 * lamp), full) << "faces have no back";
+  const Pixel dark = seen({-0.9, 0, 0.25}), between = seen({-0.65, 0.35, 1.15});  // at 90 and 45 degrees or so to the lamp
+  for (std::size_t c = 0; c < 3; ++c) {
+    EXPECT_NEAR(dark[c], 0.45 * full[c], 1);
+    EXPECT_GT(between[c], dark[c] + 20);
+    EXPECT_LT(between[c], full[c] - 20);
+  }
 }
 
 TEST(Image, LeavesOutFacesThatAreNowhere) {

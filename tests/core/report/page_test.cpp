@@ -79,6 +79,12 @@ TEST_F(Page, EscapesWhatComesFromFiles) {
   }
 }
 
+TEST_F(Page, CountsWhatIsThere) {
+  EXPECT_TRUE(has(page(), "<p>128 faces, 66 points</p>"));
+  after_report_.counts = {{"faces", 7}, {"prisms", 0}, {"wall_faces", 3}};
+  EXPECT_TRUE(has(page(), "<p>7 faces, 3 wall faces</p>"));
+}
+
 TEST_F(Page, NeedsNothingElse) {
   const std::string text = page();
   EXPECT_TRUE(has(text, "default-src 'none'"));

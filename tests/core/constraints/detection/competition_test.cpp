@@ -215,6 +215,24 @@ TEST(Competition, HalvesOfOnePlaneAreJoined) {
   EXPECT_EQ(apart.labels, before.labels);
 }
 
+// Two planes with nearly no fold between them: the one of both is as far from the one as from the other.
+TEST(Competition, WhatIsJoinedIsFittedAgain) {
+  constexpr double fold = 0.002;
+  const Folded sheet(fold, 0.3);
+  Segmentation found = sheet.with(sheet.truth);
+  detection::refit(sheet.surface, found, std::vector<char>(3, 1), {});
+  detection::join_regions(sheet.surface, sheet.limits, found);
+  ASSERT_EQ(found.regions.size(), 2u);
+  const Region& both = found.regions[0];
+  EXPECT_EQ(both.faces.size(), 80u);
+  EXPECT_NEAR(both.shape.axis[0] / both.shape.axis[2], -std::tan(fold / 2), 1e-7);
+  EXPECT_NEAR(both.shape.axis[1], 0, 1e-9);
+  // Half of the height of the fold over the line between its ends, from below and from above.
+  const double height = 0.4 * std::sin(fold / 2) / sheet.surface.size;
+  for (const PointId p : {0u, 8u}) EXPECT_NEAR(std::abs(both.shape.distance(sheet.surface.points[p])), height / 2, 1e-6);
+  EXPECT_NEAR(std::abs(both.shape.distance(sheet.surface.points[4])), height / 2, 1e-6);
+}
+
 TEST(Competition, RefitsOnlyWhatHasChanged) {
   const Folded sheet(0.3, -0.2);
   Segmentation found = sheet.with(sheet.truth);

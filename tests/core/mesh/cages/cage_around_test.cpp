@@ -110,6 +110,9 @@ TEST(CageAround, KeepsTheOffsetThatIsAskedForWhereItIsEnough) {
   const Mesh ball = test::sphere(1, 4);
   const CageAround wide = cage_around(ball, {.points = 400, .offset = 0.5});
   EXPECT_EQ(wide.offset, 0.5);
+  const CageAround widest = cage_around(ball, {.points = 60, .offset = 2.5});
+  EXPECT_EQ(widest.offset, 2.5) << "what is asked for is tried, however wide";
+  EXPECT_EQ(widest.attempts, 1);
   EXPECT_EQ(wide.attempts, 1);
   EXPECT_NEAR(wide.clearance, 0.5, 0.03);
   const CageAround narrow = cage_around(ball, {.points = 60, .offset = 0.05});
