@@ -108,6 +108,11 @@ TEST_P(AdminCalls, APreparationIsListedAndCancelled) {
   EXPECT_THAT(cancel(call.id()), EndedWith(StatusCode::NOT_FOUND));
 }
 
+TEST_P(AdminCalls, WhoHasTheAnswerOfACallDoesNotFindItListed) {
+  begin();
+  for (int i = 0; i < 500; ++i) ASSERT_EQ(list().calls_size(), 0) << "after " << i << " lists";
+}
+
 TEST_P(AdminCalls, AnUploadThatStandsStillIsCancelled) {
   begin();
   grpc::ClientContext context;
