@@ -26,7 +26,7 @@ struct SplitLine {
   bool open_quote = false;
 };
 
-SplitLine split(const std::string& line) {
+SplitLine split(const std::string& line, char separator) {
   SplitLine result;
   std::string field;
   bool quoted = false, was_quoted = false;
@@ -43,7 +43,7 @@ SplitLine split(const std::string& line) {
     } else if (c == '"' && trimmed(field).empty()) {
       quoted = was_quoted = true;
       field.clear();
-    } else if (c == ',') {
+    } else if (c == separator) {
       result.fields.push_back(was_quoted ? field : trimmed(field));
       field.clear();
       was_quoted = false;
@@ -54,6 +54,27 @@ SplitLine split(const std::string& line) {
   result.open_quote = quoted;
   result.fields.push_back(was_quoted ? field : trimmed(field));
   return result;
+}
+
+/// Of a header line: semicolons where there are some and no commas, outside of quotes.
+char separator_of(const std::string& header) {
+  char separator = ',';
+  bool quoted = false;
+  for (const char c : header) {
+    if (c == '"') quoted = !quoted;
+    if (quoted) continue;
+    if (c == ',') return c;
+    if (c == ';') separator = c;
+  }
+  return separator;
+}
+
+/// "0.03" for "0,03"; empty for what is no number with a decimal comma.
+std::string with_point(std::string text) {
+  const std::size_t comma = text.find(',');
+  if (comma == std::string::npos) return {};
+  text[comma] = '.';
+  return parse_number(text) ? text : std::string();
 }
 
 void check_header(const Csv& csv, std::size_t line) {
@@ -73,8 +94,10 @@ std::string Csv::where(const Row& row, std::size_t column) const {
 double Csv::number(const Row& row, std::size_t column) const {
   const auto value = parse_number(row.fields.at(column));
   if (!value) {
+    const std::string pointed = with_point(row.fields[column]);
     throw Error(ErrorCode::invalid_argument,
-                where(row, column) + "expected a finite number, got \"" + row.fields[column].substr(0, 40) + "\"");
+                where(row, column) + "expected a finite number, got \"" + row.fields[column].substr(0, 40) + "\"" +
+                    (pointed.empty() ? "" : "; decimals are written with a point: " + pointed.substr(0, 40)));
   }
   return *value;
 }
@@ -83,13 +106,15 @@ Csv parse_csv(const std::string& text, const std::string& name, BadRows bad_rows
   Csv csv;
   csv.name = name;
   std::size_t begin = text.starts_with("\xef\xbb\xbf") ? 3 : 0;  // a byte order mark, as spreadsheets write it
+  char separator = ',';
   for (std::size_t line = 1; begin < text.size(); ++line) {
     const std::size_t end = std::min(text.find('\n', begin), text.size());
     const std::string content = text.substr(begin, end - begin);
     begin = end + 1;
     const std::string bare = trimmed(content);
     if (bare.empty() || bare.front() == '#') continue;
-    SplitLine found = split(content);
+    if (csv.header.empty()) separator = separator_of(content);
+    SplitLine found = split(content, separator);
     std::string problem = found.open_quote ? "a quote is not closed" : "";
     if (csv.header.empty()) {
       if (!problem.empty()) refuse_line(name, line, problem);

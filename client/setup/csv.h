@@ -8,7 +8,8 @@
 namespace deform::client {
 
 /// Comma-separated text: first row with content is the header; fields may stand in double quotes; blank lines and lines that
-/// start with # are skipped; blanks around fields are dropped.
+/// start with # are skipped; blanks around fields are dropped. Where the header has semicolons and no comma, these separate, as
+/// in files of spreadsheets whose language has decimal commas; decimals have a point all the same.
 struct Csv {
   struct Row {
     std::size_t line = 0;             ///< from 1

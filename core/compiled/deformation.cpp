@@ -114,6 +114,12 @@ std::vector<double> Deformation::checked_values(std::span<const double> variable
       refuse(name() + ": " + number_digits(variables[k]) + " is outside of its bounds [" + number_digits(variable.lower) + ", " +
              number_digits(variable.upper) + "]");
     }
+    const auto usable = [&](const VariableMotion& motion) {
+      const std::string problem = unusable_value(motion, *value);
+      if (!problem.empty()) refuse(name() + ": " + number_digits(*value) + " " + problem);
+    };
+    usable(variable.motion);
+    for (const Driven& driven : variable.also) usable(driven.motion);
     values.push_back(*value);
   }
   return values;
@@ -187,6 +193,10 @@ void Deformation::check_design(const Maps& motions, const std::string& what) con
     const std::uint32_t region = content_.regions[id];
     return std::to_string(id) + (region == fixed_region ? " (fixed)" : " (handle \"" + content_.handles[region].name + "\")");
   };
+  for (std::size_t h = 0; h < motions.size(); ++h) {
+    if (std::all_of(motions[h].begin(), motions[h].end(), [](double entry) { return std::isfinite(entry); })) continue;
+    refuse(what + "variables: they move handle \"" + content_.handles[h].name + "\" farther than a number can say");
+  }
   for (const Pair& pair : content_.coincident) {
     const double apart = distance(place(motions, pair.second, 1), place(motions, pair.first, 1));
     if (apart <= agreement * content_.diagonal) continue;

@@ -74,6 +74,12 @@ Affine motion_rate(const VariableMotion& motion, double v) {
   return {0, 0, 0, motion.vector[0], 0, 0, 0, motion.vector[1], 0, 0, 0, motion.vector[2]};
 }
 
+std::string unusable_value(const VariableMotion& motion, double v) {
+  constexpr double largest_angle = 1e12;  // radians: doubles beyond are more than 1e-4 apart
+  if (motion.kind != MotionKind::rotation || std::abs(v * motion.unit) <= largest_angle) return {};
+  return "turns by more than 1e12 radians, where the rounding of the number is an angle itself";
+}
+
 Affine chained(const Affine& outer, const Affine& inner, double inner_weight) {
   Affine c{};
   for (int row = 0; row < 3; ++row) {

@@ -2,6 +2,8 @@
 #pragma once
 
 #include <array>
+#include <cstdint>
+#include <string>
 
 #include "core/base/types.h"
 
@@ -26,6 +28,10 @@ struct VariableMotion {
 Affine motion_at(const VariableMotion& motion, double v);
 /// Its derivative with respect to v: maps positions at rest to rates.
 Affine motion_rate(const VariableMotion& motion, double v);
+
+/// Why a value cannot be told from its neighbours, as the end of a sentence: a rotation by more than 1e12 radians, which a double
+/// rounds by more than 1e-4. Empty for all others.
+std::string unusable_value(const VariableMotion& motion, double v);
 
 /// The largest sum of the magnitudes of the terms that make up a position, if no coordinate is larger than `coordinate`: rounding
 /// is a fraction of it.

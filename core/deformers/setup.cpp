@@ -280,9 +280,23 @@ std::vector<double> checked_values(const Setup& setup, std::span<const double> v
       refuse_argument(what + ": " + number_digits(variables[k]) + " is outside of its bounds [" + number_digits(variable.lower) +
                       ", " + number_digits(variable.upper) + "]");
     }
+    const auto usable = [&](const VariableMotion& kind) {
+      const std::string problem = compiled::unusable_value(compiled_motion(kind), *value);
+      if (!problem.empty()) refuse_argument(what + ": " + number_digits(*value) + " " + problem);
+    };
+    usable(variable.kind);
+    for (const DrivenHandle& driven : variable.also) usable(driven.kind);
     values.push_back(*value);
   }
   return values;
+}
+
+/// Refuses motions that no double can hold.
+void check_motions(const Setup& setup, std::span<const Affine> motions) {
+  for (std::size_t h = 0; h < motions.size(); ++h) {
+    if (std::all_of(motions[h].begin(), motions[h].end(), [](double entry) { return std::isfinite(entry); })) continue;
+    refuse_argument("variables: they move handle " + quoted(setup.handles[h].name) + " farther than a number can say");
+  }
 }
 
 }  // namespace
@@ -359,6 +373,7 @@ std::vector<Affine> handle_motions(const Setup& setup, std::span<const double> v
     move(setup.variables[k].handle, setup.variables[k].kind);
     for (const DrivenHandle& driven : setup.variables[k].also) move(driven.handle, driven.kind);
   }
+  check_motions(setup, motions);
   return motions;
 }
 

@@ -53,8 +53,13 @@ void write_foam_points(const std::filesystem::path& path, const std::string& byt
 }
 
 void write_case_parts(const std::vector<MeshFile::FilePart>& parts, const std::filesystem::path& path) {
-  const CaseParts target = output_parts(path, parts.size());
-  for (std::size_t i = 0; i < parts.size(); ++i) write_foam_points(openfoam_points_path(target.at(i)), parts[i].bytes);
+  CaseParts folders;
+  folders.count = parts.size();
+  if (parts.front().path != folders.folder(0)) {
+    for (const MeshFile::FilePart& part : parts) folders.collated.push_back({part.path.string(), 0, 0});
+  }
+  const CaseParts target = output_parts(path, std::move(folders));
+  for (std::size_t k = 0; k < parts.size(); ++k) write_foam_points(openfoam_points_path(target.at(k)), parts[k].bytes);
 }
 
 }  // namespace
@@ -97,14 +102,15 @@ void write_mesh_file(const MeshFile& source, std::span<const Vec3> points, const
 }
 
 void write_new_file(const Mesh& mesh, const std::filesystem::path& path) {
-  const Reader& reader = reader_of(path.string());
+  const Reader* reader = find_reader(path.string());
   mesh.validate();
-  if (reader.new_file) return write_file(path, reader.new_file(mesh, path.string()));
+  if (reader != nullptr && reader->new_file) return write_file(path, reader->new_file(mesh, path.string()));
   std::string known;
   for (const Reader& other : readers()) {
     if (other.new_file) known += (known.empty() ? "" : " or ") + other.extensions.front();
   }
-  throw Error(ErrorCode::invalid_argument, path.string() + ": new files are written as " + known + ", not as " + reader.name);
+  throw Error(ErrorCode::invalid_argument, path.string() + ": new files are written as " + known + ", optionally with .gz" +
+                                               (reader != nullptr ? ", not as " + reader->name : ""));
 }
 
 }  // namespace deform::io

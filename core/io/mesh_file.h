@@ -52,7 +52,8 @@ class MeshFile {
   /// One file of a mesh that consists of several: Abaqus decks with *INCLUDE, and decomposed OpenFOAM cases. with_points()
   /// returns the first one, and throws Error(failed_precondition) if points in another one would change.
   struct FilePart {
-    std::filesystem::path path;      ///< as named in the first file, relative to it; empty for the first. OpenFOAM: processorN
+    std::filesystem::path
+        path;  ///< as named in the first file, relative to it; empty for the first. OpenFOAM: processorN, processorsN
     std::filesystem::path original;  ///< where it was read from
     std::string bytes;               ///< its new content
   };

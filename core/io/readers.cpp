@@ -39,18 +39,24 @@ const Reader& reader_of(Format format) {
   return *found;
 }
 
-const Reader& reader_of(const std::string& name) {
+const Reader* find_reader(const std::string& name) {
   std::string plain("/");
   plain += lower_case(name);
   if (has_gzip_extension(name)) plain.resize(plain.size() - 3);
-  std::string known;
   for (const Reader& reader : readers()) {
     for (const std::string& extension : reader.extensions) {
-      if (plain.ends_with(extension)) return reader;
-      known += extension + ", ";
+      if (plain.ends_with(extension)) return &reader;
     }
   }
-  if (plain.ends_with("/points")) return reader_of(Format::openfoam);
+  return plain.ends_with("/points") ? &reader_of(Format::openfoam) : nullptr;
+}
+
+const Reader& reader_of(const std::string& name) {
+  if (const Reader* found = find_reader(name)) return *found;
+  std::string known;
+  for (const Reader& reader : readers()) {
+    for (const std::string& extension : reader.extensions) known += extension + ", ";
+  }
   throw Error(ErrorCode::invalid_argument, name + ": unknown mesh format, expected a name that ends in " + known +
                                                "optionally with .gz, or the folder of an OpenFOAM mesh");
 }

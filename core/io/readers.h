@@ -41,7 +41,9 @@ const std::vector<Reader>& readers();
 const Reader& reader_of(Format format);
 
 /// The reader for the extension of a file name, in any case and ignoring a final .gz; a file called `points` belongs to OpenFOAM.
-/// Throws Error(invalid_argument) for other names.
+/// nullptr for other names.
+const Reader* find_reader(const std::string& name);
+/// The same. Throws Error(invalid_argument) for other names.
 const Reader& reader_of(const std::string& name);
 
 }  // namespace deform::io

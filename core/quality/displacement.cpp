@@ -3,9 +3,6 @@
 
 #include <cmath>
 #include <cstdio>
-#include <limits>
-
-#include "core/base/vectors.h"
 
 namespace deform {
 
@@ -19,20 +16,17 @@ std::string rounded(const char* format, double value) {
 
 }  // namespace
 
-// Squares are compared, so that the root is taken once.
 Extreme largest_displacement(std::span<const Vec3> points, std::span<const Vec3> original) {
-  double largest = 0;
-  std::size_t at = 0;
-  for (std::size_t i = 0; i < points.size(); ++i) {
-    const double square = squared_distance(points[i], original[i]);
-    if (std::isnan(square)) return {std::numeric_limits<double>::infinity(), i};
-    if (square > largest) {
-      largest = square;
-      at = i;
-    }
-  }
-  if (points.empty()) return {};
-  return {distance(points[at], original[at]), at};
+  return largest_distance(
+      points.size(), [&](std::size_t i) { return points[i]; }, original);
+}
+
+std::optional<std::string> beyond_digits(double displacement, double diagonal) {
+  constexpr double most = 1e12;
+  if (!(diagonal > 0) || !(displacement / diagonal > most)) return std::nullopt;
+  return "points move by up to " + rounded("%.3g", displacement / diagonal) +
+         " times the diagonal of the model, where the rounding of coordinates destroys its shape; are the variables in its "
+         "units?";
 }
 
 std::optional<std::string> displacement_warning(const Extreme& largest, double prescribed, double diagonal) {

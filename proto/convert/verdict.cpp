@@ -97,9 +97,16 @@ void judge_mesh(const SolutionFacts& facts, const v1::DesignResult& result, std:
                                                  rounded(result.max_displacement() / result.prescribed_displacement()) +
                                                  " times the largest prescribed displacement");
   }
-  if (facts.diagonal > 0 && result.prescribed_displacement() > far_away * facts.diagonal) {
-    found.emplace_back(v1::VERDICT_DOUBTFUL, "points are to move by up to " +
-                                                 rounded(result.prescribed_displacement() / facts.diagonal) +
+}
+
+/// Whether the motion is one of the size of the model.
+void judge_size(const SolutionFacts& facts, const v1::DesignResult& result, std::vector<Finding>& found) {
+  const double prescribed = result.prescribed_displacement(), moved = result.max_displacement();
+  const auto beyond = std::isfinite(moved) ? beyond_digits(std::max(prescribed, moved), facts.diagonal) : std::nullopt;
+  if (beyond) {
+    found.emplace_back(v1::VERDICT_BAD, *beyond);
+  } else if (facts.diagonal > 0 && prescribed > far_away * facts.diagonal) {
+    found.emplace_back(v1::VERDICT_DOUBTFUL, "points are to move by up to " + rounded(prescribed / facts.diagonal) +
                                                  " times the diagonal of the model; are these its units?");
   }
 }
@@ -122,6 +129,7 @@ void set_verdict(const SolutionFacts& facts, v1::DesignResult& result) {
   judge_solution(facts, result, found);
   judge_motion(facts, result, found);
   judge_mesh(facts, result, found);
+  judge_size(facts, result, found);
   judge_constraints(result.constraints(), found);
   std::stable_sort(found.begin(), found.end(), [](const Finding& a, const Finding& b) { return a.first > b.first; });
   result.set_verdict(found.empty() ? v1::VERDICT_GOOD : found.front().first);

@@ -99,6 +99,9 @@ std::shared_ptr<EvaluateCall::Bound> EvaluateCall::bind(const SystemCache::Handl
                                               "raise the server's memory budget", system->charge.bytes()});
   if (context().open) context().open->set_result_bytes(bound->charge.bytes());
   bound->map = task_.bind(*system, run_context(threads));
+  if (const auto beyond = beyond_digits(bound->map->report().prescribed_displacement, system->info.diagonal())) {
+    throw Error(ErrorCode::invalid_argument, "design: " + *beyond);
+  }
   return bound;
 }
 

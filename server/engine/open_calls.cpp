@@ -29,7 +29,9 @@ std::shared_ptr<OpenCall> opened(const OpenCallBookPtr& book, OpenCall::About ab
 OpenCall::OpenCall(OpenCallBookPtr book, std::uint64_t id, About about, std::stop_source stop)
     : book_(std::move(book)), id_(id), about_(std::move(about)), stop_(std::move(stop)) {}
 
-OpenCall::~OpenCall() {
+OpenCall::~OpenCall() { answered(); }
+
+void OpenCall::answered() {
   const std::lock_guard lock(book_->mutex);
   book_->calls.erase(id_);
 }

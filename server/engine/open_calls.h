@@ -20,7 +20,7 @@ namespace deform::server {
 
 class OpenCall;
 
-/// Those that live, by id; each keeps it, so that it lasts as long as any of them.
+/// Those that are not answered, by id; each call keeps it, so that it lasts as long as any of them.
 struct OpenCallBook {
   std::mutex mutex;
   // under mutex
@@ -68,6 +68,8 @@ class OpenCall {
   std::optional<Error> ended() const;
   /// Called once by end(), at once when that has been.
   void on_end(std::function<void()> action);
+  /// The answer is known and on its way: the call is listed no longer, and cannot be ended.
+  void answered();
 
  private:
   friend class OpenCalls;
@@ -92,7 +94,7 @@ class OpenCall {
 /// All of them. Thread-safe.
 class OpenCalls {
  public:
-  /// `stop` is asked to when the call is ended. It is listed as long as it lives.
+  /// `stop` is asked to when the call is ended. It is listed until it is answered, or destroyed.
   std::shared_ptr<OpenCall> open(OpenCall::About about, std::stop_source stop);
 
   /// The oldest first, at most `limit`. `tenant`: of that one alone; `but`: without this one.

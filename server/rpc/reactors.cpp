@@ -174,6 +174,7 @@ void CallScope::check() const {
 }
 
 grpc::Status CallScope::finish(std::optional<Error> error) {
+  call_.open->answered();  // whoever has the answer and asks for a list does not find the call there
   record.error = std::move(error);
   if (!record.error) return grpc::Status::OK;
   if (auto ended = call_.open->ended()) record.error = std::move(ended);

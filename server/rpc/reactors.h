@@ -103,7 +103,7 @@ class CallScope {
   /// Why a call ends that the transport or the operator gave up.
   Error given_up() const;
   /// Notes how the call ends and makes the status: an error of one that the operator has ended is the operator's; a retry hint
-  /// goes into the trailing metadata. Once, before Finish.
+  /// goes into the trailing metadata. The operator sees the call no longer. Once, before Finish.
   grpc::Status finish(std::optional<Error> error);
   /// One line, and the call counts no longer. In OnDone.
   void leave();

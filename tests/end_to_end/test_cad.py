@@ -196,7 +196,14 @@ variables: [{name: up, handle: top, translate: [0.1, 0, 0.2]}]
 """)
         report = self.deform("cad-apply", "s.yaml", model("bore_p000.step"), "--set", "up=1", "-o", "out.brep", "--tolerance", "1e-4", "--json").json
         self.assertEqual(report["failures"], [])
+        self.assertFalse(any("nothing was asked to move" in note for note in report["notes"]), report["notes"])
         self.assertLess(report["mesh_difference"], 1e-12 * report["diagonal"])
+
+    def test_a_design_at_rest_is_told(self):
+        self.start_server()
+        self.write("s.yaml", self.SETUP)
+        report = self.deform("cad-apply", "s.yaml", model("bore_p000.step"), "-o", "out.step", "--json").json
+        self.assertIn("no variable differs from 0 and no motion is given: nothing was asked to move", report["notes"])
 
     def test_what_deforms_no_space_is_refused(self):
         self.start_server()
@@ -204,6 +211,8 @@ variables: [{name: up, handle: top, translate: [0.1, 0, 0.2]}]
         self.fails(1, "cad-apply", "s.yaml", model("bore_p000.step"), "--set", "up=0.1", "-o", "out.step", says=["method.shell", "no other point of space"])
         self.write("s.yaml", self.SETUP)
         self.fails(1, "cad-apply", "s.yaml", model("bore_p000.step"), "--set", "up=0.1", "-o", "out.stl", says=[".step"])
+        self.fails(1, "cad-apply", "s.yaml", model("bore_p000.step"), "--set", "up=0.1", "-o", "nowhere/out.step",
+                   says=["-o nowhere/out.step: there is no folder nowhere"])
         self.fails(1, "cad-apply", "s.yaml", self.path("bore.msh.gz"), "--set", "up=0.1", "-o", "out.step", says=["bore.msh.gz"])
         self.assertFalse(os.path.exists(self.path("out.step")))
         self.assertEqual(os.listdir(self.folder).count("out.partial.step"), 0)
@@ -234,6 +243,24 @@ variables: [{name: up, handle: top, translate: [0.1, 0, 0.2]}]
                    .replace("half_space: {point: [0, 0, 0.99], normal: [0, 0, 1]}", "difference: [{half_space: {point: [0, 0, 0.99], normal: [0, 0, 1]}}, "
                             f"{{ids: {{file: regions.points.json, set: {bore['name']}}}}}]"))
         self.deform("prepare", "held.yaml", "--check")
+
+    def test_exact_constraints_put_nodes_on_their_faces_to_the_last_digits(self):
+        self.start_server()
+        self.write("s.yaml", """\
+geometry: bore.msh.gz
+method: {ffd: {lattice: {points: [7, 7, 5]}}}
+handles: [{name: end, region: {half_space: {point: [1.99, 0, 0], normal: [1, 0, 0]}}}]
+fixed: [{half_space: {point: [-1.99, 0, 0], normal: [-1, 0, 0]}}]
+variables: [{name: shift, handle: end, translate: [0.3, 0.2, 0]}]
+""")
+        largest = {}
+        for name, options in (("soft", []), ("exact", ["--exact"])):
+            self.deform("cad-regions", model("bore_p000.step"), "s.yaml", "-o", f"{name}.yaml", *options)
+            report = self.deform("apply", f"{name}.yaml", "--set", "shift=1", "-o", f"{name}.msh.gz", "--json").json["report"]
+            self.assertFalse(report["constraints"]["exact_given_up"])
+            largest[name] = max(each["largest"] for each in report["constraints"]["residuals"])
+        self.assertGreater(largest["soft"], 1e-6)  # also of planes that were planes without constraints
+        self.assertLess(largest["exact"], 1e-14)
 
     def test_models_of_other_meshes_are_refused(self):
         self.fails(1, "cad-regions", model("ahmed_slant25.step"), "bore.msh.gz", "-o", "regions.yaml", says=["farther"])

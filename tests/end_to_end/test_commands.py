@@ -261,10 +261,53 @@ class Flow(EndToEnd):
         self.assertIn("needs a cage", refused.json["methods"][0]["refused"][0])
         self.assertIn("deform cage mesh", refused.json["methods"][0]["refused"][0])
 
+    def test_points_without_faces_are_told(self):
+        self.write("cloud.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n")
+        first = self.deform("register", "cloud.obj")
+        self.assertIn("cloud.obj: no faces and no cells, only 4 points", first.err)
+        self.assertIn("4 points, no faces", first.out)
+        self.assertEqual(self.deform("register", "cloud.obj").err, "", "once")
+
+    def test_tables_of_spreadsheets_with_semicolons(self):
+        self.write("designs.csv", "name;roof_up\na;0.01\nb;0,01\n")
+        self.fails(1, "sweep", "setup.yaml", "--designs", "designs.csv", "-o", "results", prints=True,
+                   says=["1 of 2 designs failed", 'designs.csv:3: roof_up: expected a finite number, got "0,01"; decimals are written with a point: 0.01'])
+        self.assertTrue(os.path.exists(self.path("results/a.obj")))
+        self.write("probes.csv", "name;x;y;z\nq,r;0.5;0;0.3\n")
+        self.deform("evaluate", "setup.yaml", "probes.csv", "-o", "moved.csv")
+        with open(self.path("moved.csv")) as file:
+            self.assertEqual(file.read(), "name;x;y;z\nq,r;0.5;0;0.3\n")
+        self.write("probes.csv", "x;y;z\n0,5;0;0.3\n")
+        self.fails(1, "evaluate", "setup.yaml", "probes.csv", "-o", "moved.csv", says=["probes.csv:2", '"0,5"', "with a point"])
+        for decimals in ("0,5 1,5 0,3", "1 2 0,3", "0,5 1 2", "1\t2,5 3"):
+            self.write("probes.xyz", decimals + "\n")
+            self.fails(1, "evaluate", "setup.yaml", "probes.xyz", "-o", "moved.xyz", says=["probes.xyz:1", "with a point"])
+        self.write("probes.xyz", "0.5, 1.5, 0.3\n0.5,1.5,0.3 7,8\n0.5 1.5 0.3 9,1\n1 2, 3\n")
+        self.deform("evaluate", "setup.yaml", "probes.xyz", "-o", "moved.xyz")
+        self.fails(1, "evaluate", "setup.yaml", "probes.xyz", "-o", "nowhere/moved.xyz", says=["there is no folder nowhere"])
+
+    def test_values_beyond_all_digits_are_bad(self):
+        with open(self.path("setup.yaml")) as file:
+            setup = file.read()
+        self.write("unbounded.yaml", setup.replace(", lower: -0.05, upper: 0.05", "").replace(", lower: -0.2, upper: 0.2", ""))
+        bad = self.fails(4, "apply", "unbounded.yaml", "--set", "roof_up=1e300", "-o", "x.obj", "--json", prints=True, says=["times the diagonal"])
+        self.assertAlmostEqual(bad.json["report"]["max_displacement"] / 1e300, 1)
+        self.assertFalse(os.path.exists(self.path("x.obj")))
+        self.fails(1, "apply", "unbounded.yaml", "--set", "slant_turn=1e300", "-o", "x.obj", says=['"slant_turn"', "1e12 radians"])
+        self.write("probes.csv", "x,y,z\n0.5,0,0.3\n")
+        self.fails(1, "evaluate", "unbounded.yaml", "probes.csv", "--set", "roof_up=1e300", "-o", "q.csv", says=["times the diagonal"])
+
     def test_exit_codes(self):
         self.fails(2, says=["--help"])
         self.fails(2, "aply", says=["did you mean \"apply\""])
         self.fails(2, "apply", says=["SETUP", "deform apply --help"])
+        self.fails(2, "apply", "setup.yaml", "--outptu", "x.obj", "--zap=3", "7", says=[
+            'unknown options "--outptu" (did you mean "--output"?), "--zap"', "deform apply --help"])
+        self.fails(2, "apply", "setup.yaml", "-o", "x.obj", "--fial-on", "missed", says=['unknown option "--fial-on" (did you mean "--fail-on"'])
+        self.fails(2, "sample", "-o", "x.obj", "one", "two", says=['unexpected arguments "one", "two"; see deform sample --help'])
+        self.fails(2, "admin", "cals", says=['there is no command "admin cals"; did you mean "calls"'])
+        self.fails(2, "--sevrer", "localhost:1", "status", says=['unknown option "--sevrer" (did you mean "--server"'])
+        self.fails(2, "apply", "setup.yaml", "-o", "x.obj", "--fail-on", "fliped_faces>0", says=['did you mean "flipped_faces"'])
         self.fails(2, "cage", "mesh", "setup.yaml", says=["--output", "deform cage mesh --help"])
         self.fails(2, "lattice", "refine", says=["deform lattice refine --help"])
         self.fails(2, "apply", "setup.yaml", "-o", "x.obj", "--encoding", "zip", says=["zip"])

@@ -118,15 +118,7 @@ class OpenFoam(EndToEnd):
         if shutil.which("decomposePar") is None:
             self.skipTest("without OpenFOAM: there is no decomposePar")
         whole, _ = self.case("pipe_tet")
-        os.makedirs(self.path("case/system"), exist_ok=True)
-        head = "FoamFile { version 2.0; format ascii; class dictionary; object x; }\n"
-        self.write("case/system/controlDict", head + "startFrom startTime; startTime 0; stopAt endTime; endTime 1; deltaT 1;\n"
-                                                     "writeControl timeStep; writeInterval 1; writePrecision 17;\n")
-        self.write("case/system/decomposeParDict", head + "numberOfSubdomains 4; method simple; coeffs { n (2 2 1); }\n")
-        for name in ("fvSchemes", "fvSolution"):
-            self.write("case/system/" + name, head)
-        subprocess.run(["decomposePar", "-case", self.path("case")], env={"WM_PROJECT_DIR": "/usr/share/openfoam", **os.environ},
-                       timeout=120, stdout=subprocess.DEVNULL, check=True)
+        self.decompose()
         # OpenFOAM reads some decimals as the double beside the nearest one. So both have what it wrote.
         places = [self.places(part) for part in range(4)]
         for part in range(4):
@@ -150,6 +142,57 @@ class OpenFoam(EndToEnd):
         self.write("designs.csv", "name,up\na,0.05\n")
         self.fails(1, "sweep", "parts.yaml", "--designs", "designs.csv", "-o", "results", says=["4 parts", "deform apply"])
         self.fails(1, "apply", "parts.yaml", "--set", "up=0.1", "-o", "case/processor*/constant", says=["would replace the source"])
+
+    def decompose(self, case="case", *options):
+        """Into four parts."""
+        os.makedirs(self.path(f"{case}/system"), exist_ok=True)
+        head = "FoamFile { version 2.0; format ascii; class dictionary; object x; }\n"
+        self.write(f"{case}/system/controlDict", head + "startFrom startTime; startTime 0; stopAt endTime; endTime 1; deltaT 1;\n"
+                                                     "writeControl timeStep; writeInterval 1; writePrecision 17;\n")
+        self.write(f"{case}/system/decomposeParDict", head + "numberOfSubdomains 4; method simple; coeffs { n (2 2 1); }\n")
+        self.write(f"{case}/system/fvSolution", head)
+        schemes = ("ddt", "grad", "div", "laplacian", "interpolation", "snGrad")
+        self.write(f"{case}/system/fvSchemes", head + "".join(f"{name}Schemes {{ default none; }}\n" for name in schemes))
+        subprocess.run(["decomposePar", "-case", self.path(case), *options], env={"WM_PROJECT_DIR": "/usr/share/openfoam", **os.environ},
+                       timeout=120, stdout=subprocess.DEVNULL, check=True)
+
+    def collated(self, path):
+        """What a collated file has of each part."""
+        content, blocks = read_bytes(self.path(path)), []
+        for found in re.finditer(rb"// Processor\d+\s+(\d+)\s*\(", content):
+            blocks.append(content[found.end():found.end() + int(found[1])].decode())
+        return blocks
+
+    def test_collated_parts_move_as_those_in_folders_of_their_own(self):
+        if shutil.which("decomposePar") is None:
+            self.skipTest("without OpenFOAM: there is no decomposePar")
+        self.case("pipe_tet")
+        shutil.copytree(self.path("case"), self.path("together"))
+        self.decompose()
+        self.decompose("together", "-fileHandler", "collated")
+        self.start_server()
+        setup = ("handles: [{name: inlet, region: {group: inlet}}]\nfixed: [{group: outlet}]\n"
+                 "variables: [{name: up, handle: inlet, translate: [0, 0, 0.1]}]\n")
+        self.write("parts.yaml", 'geometry: "case/processor*"\n' + setup)
+        self.write("collated.yaml", "geometry: together/processors4\n" + setup)
+        self.deform("apply", "parts.yaml", "--set", "up=0.5", "-o", "case/1")
+        served = self.deform("apply", "collated.yaml", "--set", "up=0.5", "-o", "together/1", "--json").json
+        blocks = self.collated("together/processors4/1/polyMesh/points")
+        self.assertEqual(len(blocks), 4)
+        for part, block in enumerate(blocks):
+            points, _ = read_foam_points(self.path(f"case/processor{part}/1/polyMesh/points"))
+            of_block = [tuple(map(float, triple.split())) for triple in re.findall(r"\(([^()]+)\)", block[block.index("\n("):])]
+            self.assertEqual(of_block, points)
+        self.assertEqual(served["points"], len({place for part in range(4) for place in self.places(part)}))
+        self.fails(1, "apply", "collated.yaml", "--set", "up=0.5", "-o", "together/processors4/constant", says=["would replace the source"])
+        if shutil.which("mpirun") is None:
+            return
+        os.rename(self.path("together/constant/polyMesh"), self.path("undecomposed"))  # so that nothing else is read
+        said = subprocess.run(["mpirun", "--allow-run-as-root", "--oversubscribe", "-np", "4", "checkMesh", "-parallel", "-fileHandler", "collated",
+                               "-case", self.path("together"), "-time", "1"], env={"WM_PROJECT_DIR": "/usr/share/openfoam", **os.environ}, timeout=120,
+                              stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=True).stdout
+        quality = self.deform("quality", "together/processors4/1", "--json").json
+        self.compare(said, quality)
 
     def places(self, part):
         text = read_bytes(self.path(f"case/processor{part}/constant/polyMesh/pointProcAddressing")).decode()

@@ -69,6 +69,25 @@ const std::vector<Case> cases = {
        r.set_prescribed_displacement(11);
      },
      v1::VERDICT_DOUBTFUL, "points are to move by up to 11 times the diagonal of the model; are these its units?"},
+    {"beyond_its_digits",
+     [](auto&, auto& r) {
+       r.set_max_displacement(1e300);
+       r.set_prescribed_displacement(1e300);
+     },
+     v1::VERDICT_BAD, "points move by up to 1e+300 times the diagonal of the model, where the rounding of coordinates destroys"},
+    {"a_point_beyond_its_digits",
+     [](auto& f, auto& r) {
+       f.diagonal = 0.01;
+       r.set_max_displacement(1.1e10);
+       r.set_prescribed_displacement(1e10);
+     },
+     v1::VERDICT_BAD, "points move by up to 1.1e+12 times the diagonal"},
+    {"nearly_beyond_its_digits",
+     [](auto&, auto& r) {
+       r.set_max_displacement(0.9e12);
+       r.set_prescribed_displacement(0.9e12);
+     },
+     v1::VERDICT_DOUBTFUL, "points are to move by up to 9e+11 times the diagonal of the model; are these its units?"},
     {"a_long_way",
      [](auto&, auto& r) {
        r.set_max_displacement(9);

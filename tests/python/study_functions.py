@@ -18,6 +18,10 @@ def height(points, variables, report):
     return {"height": float(points[:, 2].mean()), "turn": variables["slant_turn"] ** 2}
 
 
+def always_broken(points, variables, report):
+    raise RuntimeError("did not start")
+
+
 def half_broken(points, variables, report):
     if variables["roof_up"] > -0.03:
         raise RuntimeError("did not converge")

@@ -189,6 +189,15 @@ def test_designs_that_cannot_be_evaluated(system, fast, population):
         fast([np.nan, 0])
 
 
+def test_motions_beyond_the_digits_of_the_model_are_bad(case, client):
+    (case.folder / "unbounded.yaml").write_text((case.folder / "ahmed.yaml").read_text().replace("lower: -0.05, upper: 0.05", "lower: -1e308, upper: 1e308"))
+    system = client.prepare(case.folder / "unbounded.yaml")
+    for report in (system.deform([1e300, 0]).report, system.local().deform([1e300, 0]).report):
+        assert report.max_displacement == pytest.approx(1e300, rel=1e-6)
+        assert report.bad and "times the diagonal of the model" in report.reasons[0]
+    assert not system.local().deform([1e9, 0]).report.bad
+
+
 def test_wrong_arguments_are_refused(fast):
     for wrong, message in [([1, 2, 3], "3 values, the setup has 2 variables: roof_up, slant_turn"), (np.zeros((1, 1, 2)), r"shape \(1, 1, 2\)"),
                            ({"roof": 1}, 'no variable "roof"; did you mean "roof_up"')]:

@@ -175,8 +175,11 @@ def test_the_derivative_is_that_of_the_points(system):
     np.testing.assert_allclose(system.jvp(x, v), jacobian @ v, rtol=0, atol=1e-12)
     np.testing.assert_allclose(system.vjp(x, w), np.einsum("nd,ndk->k", w, jacobian), rtol=1e-10)
     np.testing.assert_allclose(system.jvp(None, {"roof_up": 1}), system.jacobian()[:, :, 0], rtol=0, atol=1e-12)
-    with pytest.raises(deformd.InvalidArgument, match=r"cotangent: an array of shape \(3, 2\), expected \(n, 3\)"):
-        system.vjp(x, np.zeros((3, 2)))
+    n = system.info.points
+    for shape in [(3, 2), (n - 1, 3), (n, 2), (3, n), (4, n + 1, 3), (3 * n,), (1, 1, n, 3)]:
+        with pytest.raises(deformd.InvalidArgument) as raised:
+            system.vjp(x, np.zeros(shape))
+        assert raised.value.message == f"cotangent: an array of shape {shape}, expected ({n}, 3), or (m, {n}, 3) of many"
 
 
 def test_reports(system):

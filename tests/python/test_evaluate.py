@@ -180,7 +180,7 @@ def test_many_cotangents_are_single_ones(client, method, basis):
     broken[3, 7, 1] = np.inf
     with pytest.raises(deformd.InvalidArgument, match=r"cotangents\[3\].*point 7"):
         system.vjp(X, broken)
-    with pytest.raises(deformd.InvalidArgument, match="cotangent"):
+    with pytest.raises(deformd.InvalidArgument, match=r"cotangent: an array of shape \(5, \d+, 3\), expected \(\d+, 3\), or"):
         system.vjp(X, fields[:, :-1])
     with pytest.raises(deformd.InvalidArgument, match="1001.*1000"):
         system.vjp(X, np.zeros((1001, *POINTS.shape)))

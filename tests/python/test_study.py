@@ -163,6 +163,55 @@ def test_another_study_in_the_same_folder_is_refused(study):
     assert code == 1 and told.startswith("error: doe: changed since")
 
 
+def test_a_folder_without_a_finished_design_is_claimed_anew(study):
+    told = study("evaluate: {function: no_such_module:f}\ndoe: {halton: 4}")[1]
+    assert "no_such_module" in told
+    code, told = study("evaluate: {function: study_functions:always_broken}\ndoe: {halton: 3}")
+    assert code == 0 and [row["verdict"] for row in study.history()] == ["failed"] * 3, told
+    kept = study.folder / "results" / "000000.json"
+    late = {**json.loads((study.folder / "journal.jsonl").read_text().split("\n")[0]), "study": "of another file"}
+    kept.write_text(json.dumps(late))
+    code, told = study("evaluate: {function: study_functions:height}\ndoe: {halton: 3}")
+    assert code == 0 and "known from before" not in told, told
+    assert [row["verdict"] for row in study.history()] == ["good"] * 3 and len(study.evaluated()) == 3
+    code, told = study("evaluate: {function: study_functions:height}\ndoe: {halton: 4}")
+    assert code == 1 and told.startswith("error: doe: changed since")
+
+
+def test_results_that_workers_keep_belong_to_their_study(study):
+    text = "evaluate: {function: study_functions:height}\ndoe: {halton: %d}"
+    assert study(text % 2)[0] == 0
+    record = json.loads((study.folder / "journal.jsonl").read_text().split("\n")[0])
+    (study.folder / "journal.jsonl").write_text("")
+    kept = study.folder / "results" / f"{record['number']:06}.json"
+    kept.write_text(json.dumps({**record, "study": "some other"}))
+    code, told = study(text % 3)
+    assert code == 1 and told.startswith("error: doe: changed since"), "a worker has finished a design"
+    code, told = study(text % 2)
+    assert code == 0 and len(study.evaluated()) == 4, "that of another study is evaluated again"
+    kept.write_text(json.dumps({**record, "verdict": "failed"}))
+    (study.folder / "journal.jsonl").write_text("")
+    code, told = study(text % 3)
+    assert code == 0 and "known from before" not in told and not kept.exists(), told
+
+
+def test_progress_counts_the_designs_of_the_study(study, tmp_path):
+    (tmp_path / "designs.csv").write_text("roof_up,slant_turn\n0.01,0\n0.02,0\n0.01,0\n0.03,0\n")
+    code, told = study("doe: {table: designs.csv}\nbudget: 30")
+    assert code == 0 and re.findall(r"^\S+/\S+", told, re.MULTILINE) == ["1/3", "2/3", "3/3"], told
+    code, told = study("doe: {table: designs.csv}\nbudget: 2\nfolder: fewer")
+    assert code == 0 and re.findall(r"^\S+/\S+", told, re.MULTILINE) == ["1/2", "2/2"], told
+    code, told = study("doe: {table: designs.csv}\nfolder: fewer")
+    assert code == 0 and re.findall(r"^\S+/\S+", told, re.MULTILINE) == ["3/3"], told
+
+
+def test_missing_libraries_are_named_with_what_to_install(study, tmp_path):
+    (tmp_path / "yaml.py").write_text("raise ModuleNotFoundError(\"No module named 'yaml'\", name='yaml')\n")
+    code, told = study("doe: {halton: 3}", PYTHONPATH=os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")]))
+    assert code == 1 and told.count("\n") == 1
+    assert told.startswith("error: No module named 'yaml'") and "pip install './client/python[study]'" in told
+
+
 # ---- optimizers ----
 
 

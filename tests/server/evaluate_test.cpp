@@ -278,6 +278,11 @@ TEST_P(Evaluate, BadBeginningsAreRefused) {
   changed = header();
   changed.mutable_header()->mutable_design()->set_continues(true);
   expect_refused({changed}, {"continues"});
+  changed = header({});
+  auto* far = changed.mutable_header()->mutable_design()->add_motions();
+  far->set_handle("right");
+  for (const double entry : {1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1., 1e200}) far->add_affine(entry);
+  expect_refused({changed, good}, {"design: points move by up to", "times the diagonal of the model"});
 }
 
 TEST_P(Evaluate, TheShellSaysWhyNot) {

@@ -47,6 +47,23 @@ TEST(OpenCalls, AreListedInTheirOrderAsLongAsTheyLive) {
   EXPECT_GT(calls.open(about("Deform"), {})->id(), id) << "no id is used twice";
 }
 
+TEST(OpenCalls, AreListedNoLongerOnceTheyAreAnswered) {
+  OpenCalls calls;
+  std::stop_source stop;
+  const auto answered = calls.open(about("ListCalls"), stop);
+  const auto other = calls.open(about("Prepare"), {});
+  const auto request = answered->open_request(1, {});
+  answered->answered();
+  answered->answered();
+  EXPECT_EQ(calls.size(), 2u);
+  const v1::ListCallsReply listed = calls.list({}, 0, all);
+  ASSERT_EQ(listed.calls_size(), 2);
+  EXPECT_EQ(listed.calls(0).id(), other->id());
+  EXPECT_EQ(listed.calls(1).id(), request->id()) << "of a stream, with an end of its own";
+  EXPECT_THROW(calls.end(answered->id(), std::nullopt, Error(ErrorCode::cancelled, "late")), Error);
+  EXPECT_FALSE(stop.stop_requested());
+}
+
 TEST(OpenCalls, TellWhatTheyDoAndHold) {
   OpenCalls calls;
   const auto first = calls.open(about("Deform"), {}), second = calls.open(about("Deform", "acme"), {});

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
+#include <algorithm>
 #include <chrono>
 #include <iostream>
 #include <memory>
@@ -8,6 +9,7 @@
 
 #include "client/cli/cad/space_deformation.h"
 #include "client/cli/commands/command.h"
+#include "client/cli/commands/given_design.h"
 #include "client/cli/commands/mesh_reading.h"
 #include "client/cli/commands/workspace.h"
 #include "client/cli/output/format.h"
@@ -133,13 +135,15 @@ ExitCode run_cad_apply(const CadApplyCommand& options, const CommonOptions& comm
   const auto start = std::chrono::steady_clock::now();
   cad::ApplyRequest request = options.request;
   keep_inputs("-o", request.output.string(), {options.input.setup, options.input.source, request.model});
+  check_folder("-o", request.output);
   Connection connection(common);
   Progress progress;
   LoadedSetup loaded = load_setup(connection, options.input, progress);
   check_space_method(loaded.setup);
   const PreparedSetup prepared = prepare_loaded(connection, std::move(loaded), progress);
   keep_inputs("-o", request.output.string(), {prepared.source_path});
-  SpaceDeformation deformation(connection, prepared, parse_settings(options.settings, prepared.system.setup()));
+  const std::vector<double> values = parse_settings(options.settings, prepared.system.setup());
+  SpaceDeformation deformation(connection, prepared, values);
   const cad::MeshMotion mesh = deformation.mesh_motion(prepared);
   request.mesh = &mesh;
   if (options.crossings) request.crossings = cad::ApplyRequest::Crossings::looked_for;
@@ -158,6 +162,9 @@ ExitCode run_cad_apply(const CadApplyCommand& options, const CommonOptions& comm
   if (deformation.still() > 0) {
     applied.model.notes.push_back(std::to_string(deformation.still()) +
                                   " points lie outside of the lattice and stay where they are.");
+  }
+  if (std::all_of(values.begin(), values.end(), [](double value) { return value == 0; })) {
+    applied.model.notes.emplace_back(nothing_moves);
   }
   applied.tolerance = request.tolerance * applied.model.diagonal * request.scale;
   applied.failures = failures_of(applied);

@@ -30,6 +30,7 @@ using ShapeKind = cad::CadShape::Kind;
 
 struct CadRegionsCommand {
   std::string file, setup;
+  bool exact = false;
   cad::RegionsRequest request;
 };
 
@@ -232,7 +233,9 @@ ExitCode run_cad_regions(const CadRegionsCommand& options, const CommonOptions& 
   cad::require();
   const RegionsInput input = regions_input(options);
   keep_inputs("-o", options.setup, {input.mesh, options.request.model});
+  check_folder("-o", options.setup);
   DetectedSetupOptions writing;
+  if (options.exact) writing.kept = DetectedSetupOptions::Kept::exactly;
   writing.points_file = sets_path(options.setup).filename().string();
   writing.origin =
       "Faces and edges of the CAD model " + printable(options.request.model.filename().string()) + ", by deform cad-regions.";
@@ -281,6 +284,10 @@ void add_cad_regions_command(CLI::App& app, const CommonOptions& common, Action&
   command->add_option("MODEL", options->request.model, "CAD model on which the mesh lies")->required();
   command->add_option("FILE", options->file, "Mesh file; or a setup (.yaml, .yml) that names one")->required();
   command->add_option("-o,--setup", options->setup, "Setup file to write; lists of points go into a file beside it")->required();
+  command->add_flag(
+      "--exact", options->exact,
+      "Constraints with exact: true, which put their points on planes, cylinders, ... to the last digits; without it they "
+      "are as near as their weight puts them");
   command->add_option("--scale", options->request.scale, "Factor from the unit of the CAD model to that of the mesh")
       ->check(CLI::PositiveNumber)
       ->capture_default_str();

@@ -24,8 +24,6 @@ namespace deform::cli {
 
 namespace {
 
-constexpr const char* nothing_moves = "no variable differs from 0 and no motion is given: nothing was asked to move";
-
 v1::EvaluationPath evaluation_path(const std::string& name) {
   return name == "basis" ? v1::PATH_BASIS : name == "direct" ? v1::PATH_DIRECT : v1::PATH_AUTOMATIC;
 }

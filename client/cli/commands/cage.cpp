@@ -35,6 +35,7 @@ void check_cage_output(const std::filesystem::path& path) {
 ExitCode run_cage_mesh(const CageMeshCommand& options, const CommonOptions& common) {
   check_cage_output(options.output);
   keep_inputs("--output", options.output, {options.mesh});
+  check_folder("--output", options.output);
   CageRequest request = options.request;
   request.kind = cage_kinds.at(options.kind);
   const Interrupt interrupt;

@@ -10,6 +10,8 @@
 #include <exception>
 #include <iostream>
 #include <nlohmann/json.hpp>
+#include <string_view>
+#include <vector>
 
 #include "client/cli/output/error_json.h"
 #include "client/cli/output/printable_stream.h"
@@ -133,20 +135,75 @@ ExitCode run_action(const Action& action, Style style) {
   }
 }
 
-std::string usage_error(const CLI::App& app, const CLI::ParseError& error) {
-  const auto chosen = app.get_subcommands();
-  const auto unknown = app.remaining();
-  if (chosen.empty() && !unknown.empty()) {
-    std::vector<std::string> names;
-    for (const auto* command : app.get_subcommands({})) names.push_back(command->get_name());
-    const std::string near = nearest_names(unknown.front(), names);
-    return "there is no command \"" + unknown.front() + "\"; " +
-           (near.empty() ? "see deform --help" : "did you mean " + near + "?");
+/// "; did you mean "apply"?", or `otherwise` where no candidate is near.
+std::string hint(const std::string& name, const std::vector<std::string>& candidates, const std::string& otherwise) {
+  const std::string near = nearest_names(name, candidates);
+  return near.empty() ? otherwise : "; did you mean " + near + "?";
+}
+
+bool is_option(const std::string& argument) {
+  return argument.size() > 1 && argument[0] == '-' && std::string_view("0123456789.").find(argument[1]) == std::string_view::npos;
+}
+
+/// The application and the commands within it that were chosen, outermost first.
+std::vector<const CLI::App*> chain_of(const CLI::App& app) {
+  std::vector<const CLI::App*> chain{&app};
+  for (auto within = app.get_subcommands(); !within.empty(); within = within.front()->get_subcommands()) {
+    chain.push_back(within.front());
   }
+  return chain;
+}
+
+/// Adds the long options of a command, those in groups included.
+void add_options(const CLI::App& command, std::vector<std::string>& names) {
+  for (const CLI::Option* option : command.get_options()) {
+    for (const std::string& name : option->get_lnames()) names.push_back("--" + name);
+  }
+  for (const CLI::App* group : command.get_subcommands([](const CLI::App* within) { return within->get_name().empty(); })) {
+    add_options(*group, names);
+  }
+}
+
+/// The options among the arguments that nobody knows, as they were typed, each with those that are near.
+std::string unknown_options(const std::vector<const CLI::App*>& chain, const std::vector<std::string>& unknown) {
+  std::vector<std::string> known;
+  for (const CLI::App* command : chain) add_options(*command, known);
+  std::vector<std::string> said;
+  for (const std::string& argument : unknown) {
+    if (!is_option(argument)) continue;
+    const std::string name = argument.substr(0, argument.find('='));
+    const std::string near = nearest_names(name, known);
+    said.push_back("\"" + name + "\"" + (near.empty() ? "" : " (did you mean " + near + "?)"));
+  }
+  std::string all;
+  for (const std::string& each : said) all += (all.empty() ? "" : ", ") + each;
+  return all.empty() ? all : (said.size() == 1 ? "unknown option " : "unknown options ") + all;
+}
+
+std::string usage_error(const CLI::App& app, const CLI::ParseError& error) {
+  const std::vector<const CLI::App*> chain = chain_of(app);
+  const auto unknown = app.remaining(true);
   std::string command;
-  for (auto within = chosen; !within.empty(); within = within.front()->get_subcommands())
-    command += within.front()->get_name() + " ";
-  return std::string(error.what()) + "; see deform " + command + "--help";
+  for (std::size_t i = 1; i < chain.size(); ++i) command += chain[i]->get_name() + " ";
+  const std::string help = "; see deform " + command + "--help";
+  const CLI::App& last = *chain.back();
+  if (!unknown.empty() && !is_option(unknown.front()) && last.get_require_subcommand_min() > 0) {
+    std::vector<std::string> names;
+    for (const CLI::App* each : last.get_subcommands({})) names.push_back(each->get_name());
+    return "there is no command \"" + command + unknown.front() + "\"" + hint(unknown.front(), names, help);
+  }
+  // An option that is required may be missing because it is one of the unknown ones.
+  const auto kind = static_cast<CLI::ExitCodes>(error.get_exit_code());
+  if (kind == CLI::ExitCodes::ExtrasError || kind == CLI::ExitCodes::RequiredError) {
+    const std::string options = unknown_options(chain, unknown);
+    if (!options.empty()) return options + help;
+  }
+  if (kind == CLI::ExitCodes::ExtrasError) {
+    std::string all;
+    for (const std::string& argument : unknown) all += (all.empty() ? "\"" : ", \"") + argument + "\"";
+    return (unknown.size() == 1 ? "unexpected argument " : "unexpected arguments ") + all + help;
+  }
+  return error.what() + help;
 }
 
 void add_common_options(CLI::App& app, CommonOptions& common) {

@@ -182,6 +182,7 @@ ExitCode run_compare(const CompareOptions& options, const CommonOptions& common)
                 "the setup names its geometry by id: give the mesh file that results are measured against, --source FILE");
   }
   keep_inputs("--output", options.output, {options.input.setup, loaded.source_path, options.designs});
+  check_folder("--output", options.output);
   check_page_name(options.output);
   refuse_several_methods(loaded.setup, "setups with one method are compared; leave the further ones out");
   const std::vector<MethodChoice> choices = method_choices(options.methods, loaded.setup, loaded.source->mesh());

@@ -145,6 +145,7 @@ void check_compilable(const v1::Setup& setup) {
 ExitCode run_compile(const CompileOptions& options, const CommonOptions& common) {
   const auto start = std::chrono::steady_clock::now();
   keep_inputs("--output", options.output, {options.input.setup, options.input.source});
+  check_folder("--output", options.output);
   Connection connection(common);
   Progress progress;
   LoadedSetup loaded = load_setup(connection, options.input, progress);

@@ -26,7 +26,7 @@ struct DetectCommand {
   double tolerance = 0, minimum_area = 0, maximum_angle = 0;
   std::uint64_t seed = 0;
   std::vector<std::string> kinds;
-  bool overwrite = false;
+  bool overwrite = false, exact = false;
 
   v1::DetectRequest request(const std::string& geometry) const {
     v1::DetectRequest message;
@@ -186,6 +186,7 @@ DetectedSetup write_setup(const DetectCommand& options, const Input& input, cons
   }
   for (const auto& primitive : detected.primitives) check_ids(primitive.points, mesh, primitive.about.name());
   for (const auto& edge : detected.edges) check_ids(edge.points, mesh, edge.about.name());
+  if (options.exact) written.kept = DetectedSetupOptions::Kept::exactly;
   const DetectedSetup result = detected_setup(detected, written);
   if (!options.overwrite) {
     keep_edited(options.setup, result.text);
@@ -200,6 +201,7 @@ DetectedSetup write_setup(const DetectCommand& options, const Input& input, cons
 ExitCode run_detect(const DetectCommand& options, const CommonOptions& common) {
   const Input input = input_of(options);
   keep_inputs("-o", options.setup, {input.mesh});
+  check_folder("-o", options.setup);
   keep_inputs("--coloured", options.coloured, {input.mesh, options.file});
   Connection connection(common);
   Progress progress;
@@ -236,6 +238,12 @@ void add_detect_command(CLI::App& app, const CommonOptions& common, Action& chos
       "Setup file to write, with a constraint for each of them, to be pruned; long lists of points go into a file "
       "beside it (.points.json)");
   command->add_flag("--overwrite", options->overwrite, "Replace a setup file that is there and may have been edited")
+      ->needs("--setup");
+  command
+      ->add_flag(
+          "--exact", options->exact,
+          "Constraints with exact: true, which put their points on planes, cylinders, ... to the last digits; without it they "
+          "are as near as their weight puts them")
       ->needs("--setup");
   command->add_option("--coloured", options->coloured, "File to write, .ply or .vtp: every primitive in its colour");
   command->add_option("--tolerance", options->tolerance, "Distance of a point from its primitive, model units; 0: automatic")

@@ -126,6 +126,7 @@ ExitCode run_evaluate(const EvaluateOptions& options, const CommonOptions& commo
   std::vector<std::filesystem::path> inputs{options.input.setup, options.input.source, options.points};
   inputs.insert(inputs.end(), options.design.motion_files.begin(), options.design.motion_files.end());
   keep_inputs("-o", options.output, inputs);
+  if (PointTable::is_table(options.points)) check_folder("-o", options.output);  // a mesh may be a case, whose folders are made
   Connection connection(common);
   Progress progress;
   const PreparedSetup prepared = open_setup(connection, options.input, progress);

@@ -10,6 +10,9 @@
 
 namespace deform::cli {
 
+/// A note about a design at rest.
+inline constexpr char nothing_moves[] = "no variable differs from 0 and no motion is given: nothing was asked to move";
+
 /// A design on the command line: --set, --motions, --match-tolerance.
 struct GivenDesign {
   std::vector<std::string> settings;

@@ -79,6 +79,7 @@ ExitCode run_refine(const RefineCommand& options, const CommonOptions& common) {
   const std::filesystem::path path = mesh_path(options.setup, file, options.source);
   const std::filesystem::path output = options.output;
   keep_inputs("--output", output, {path});
+  check_folder("--output", output);
   if (!options.mesh.empty()) {
     io::check_output(path, options.mesh);
     if (io::replaced_source(path, options.mesh)) refuse("--mesh: would replace the mesh of the setup");

@@ -47,6 +47,13 @@ void keep_inputs(const std::string& option, const std::filesystem::path& output,
   }
 }
 
+void check_folder(const std::string& option, const std::filesystem::path& output) {
+  const std::filesystem::path folder = output.parent_path();
+  std::error_code unknown;
+  if (folder.empty() || std::filesystem::is_directory(folder, unknown)) return;
+  throw Error(ErrorCode::not_found, option + " " + output.string() + ": there is no folder " + folder.string());
+}
+
 void add_read_isolated_command(CLI::App& app, const CommonOptions&, Action& chosen) {
   auto* command = app.add_subcommand(command_name, "Reads a mesh file for another process of this program; not for people");
   command->group("");  // in no list of commands

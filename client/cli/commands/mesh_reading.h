@@ -24,5 +24,7 @@ std::filesystem::path mesh_path(const std::string& setup, const SetupFile& file,
 /// reads. Empty paths are ignored.
 void keep_inputs(const std::string& option, const std::filesystem::path& output,
                  const std::vector<std::filesystem::path>& inputs);
+/// Throws Error(not_found), which names the folder, where the one in which `output`, a single file, is to lie does not exist.
+void check_folder(const std::string& option, const std::filesystem::path& output);
 
 }  // namespace deform::cli

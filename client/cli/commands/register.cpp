@@ -33,7 +33,8 @@ ExitCode run_register(const RegisterOptions& options, const CommonOptions& commo
   }
   std::cout << info.id() << '\n';
   std::cout << "  " << (info.existed() ? "was registered before: " : "registered: ") << info.points() << " points, "
-            << info.faces() << " faces" << (info.cells() > 0 ? ", " + std::to_string(info.cells()) + " cells" : "") << '\n';
+            << (info.faces() > 0 ? std::to_string(info.faces()) : "no") << " faces"
+            << (info.cells() > 0 ? ", " + std::to_string(info.cells()) + " cells" : "") << '\n';
   for (const auto& group : info.groups())
     std::cout << "  group " << printable(group.name()) << ": " << group_size_text(group) << '\n';
   std::cout << std::flush;

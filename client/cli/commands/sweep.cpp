@@ -193,9 +193,10 @@ class Sweep {
     try {
       std::rethrow_exception(error_);
     } catch (const Error& error) {
-      if (done_ == 0) throw;
-      throw Error(error.code(), std::string(error.what()) + "; " + std::to_string(done_) + " of " + std::to_string(todo_.size()) +
-                                    " designs are done: run it again for the rest");
+      const std::size_t done = report_.skipped + done_;
+      if (done == 0) throw;
+      throw Error(error.code(), std::string(error.what()) + "; " + std::to_string(done) + " of " +
+                                    std::to_string(report_.designs) + " designs are done: run it again for the rest");
     }
   }
 
@@ -214,7 +215,7 @@ class Sweep {
         connection_.client().deform(request, connection_.call(), [&](std::size_t k, client::DeformedDesign&& design) {
           take(todo_[first + k], design);
           const std::lock_guard lock(mutex_);
-          progress.count("sweep", ++done_, todo_.size());
+          progress.count("sweep", report_.skipped + ++done_, report_.skipped + todo_.size());
         });
     const std::lock_guard lock(mutex_);
     report_.bytes_received += outcome.summary.bytes();
@@ -394,7 +395,8 @@ ExitCode run_sweep(const SweepOptions& options, const CommonOptions& common) {
 }
 
 constexpr char sweep_footer[] =
-    R"(A column "name" names the results, else they are design_0001, ...; variables without a column stay 0.
+    R"(A column "name" names the results, else they are design_0001, ...; variables without a column stay 0. Columns are separated by
+commas, or by semicolons where the header has no comma; decimals have a point.
 Resumable: run the same command again after an interruption and only what is missing is computed. What is finished is
 recorded in FOLDER/sweep.manifest or ARCHIVE.manifest with a hash of system, encoding and values; designs whose row has
 changed are computed again, the others are kept. A bad design is not written without --keep-bad, recorded with its reasons

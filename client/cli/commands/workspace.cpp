@@ -43,6 +43,11 @@ v1::GeometryInfo register_mesh(Connection& connection, const std::shared_ptr<con
                                                     [&](double fraction) { progress.fraction("upload", fraction); });
   // The points of the mesh itself, so that no copy stays.
   connection.client().keep_points(info.id(), std::shared_ptr<const Points>(mesh, &mesh->points));
+  if (mesh->face_count() == 0 && mesh->cell_count() == 0 && !info.existed()) {
+    progress.clear();
+    warn(label + ": no faces and no cells, only " + std::to_string(mesh->point_count()) +
+         " points: faces that fold are not found, and methods on a surface are refused");
+  }
   return info;
 }
 

@@ -124,18 +124,21 @@ class Writer {
     const std::size_t loose = held.empty() ? ids.size() : held[ResolvedRegions::free];
     held.erase(ResolvedRegions::free);
     const std::string region = "[{ids: " + ids_text(about.name(), ids) + "}]";
+    const char* const exact = options_.kept == DetectedSetupOptions::Kept::exactly ? "exact: true, " : "";
     if (loose == 0 || !about.implied_by().empty()) {
       ++result_.left_out;
       const std::string reason =
           loose == 0 ? "all its points are " + holders_text(held, ids.size()) : "follows from " + names_text(about.implied_by());
-      left_out_ << "  # - {name: " << name << ", " << yaml_text(about.constraint()) << ": {}, regions: " << region << "}  # "
-                << reason << '\n';
+      left_out_ << "  # - {name: " << name << ", " << yaml_text(about.constraint()) << ": {}, " << exact << "regions: " << region
+                << "}  # " << reason << '\n';
       return;
     }
     ++result_.written;
     kept_ << "  # " << shape << ", " << ids.size() << " points, rms " << number_text(about.rms()) << '\n';
     if (!held.empty()) kept_ << "  # " << holders_text(held, 0) << ": these points stay where the design puts them\n";
-    kept_ << "  - name: " << name << "\n    " << yaml_text(about.constraint()) << ": {}\n    regions: " << region << '\n';
+    kept_ << "  - name: " << name << "\n    " << yaml_text(about.constraint()) << ": {}\n"
+          << (options_.kept == DetectedSetupOptions::Kept::exactly ? "    exact: true\n" : "") << "    regions: " << region
+          << '\n';
   }
 
   /// "12 points in handle \"top\", 3 fixed"; of all points without the number.

@@ -29,6 +29,8 @@ struct DetectedSetupOptions {
   std::string points_file;  ///< what the setup calls the file of ids
   HeldPoints held;
   std::string origin;  ///< a sentence on one line: where the sets come from; empty: from detection
+  /// How near to their shapes the constraints put their points: as near as their weight does, or exactly.
+  enum class Kept { by_weight, exactly } kept = Kept::by_weight;
 };
 
 /// A constraint for every set that was found, without those that cannot be constrained (too few points), that others imply, and

@@ -76,7 +76,11 @@ const Measure& find_measure(const std::string& name, const std::string& where) {
   for (const Measure& measure : measures) {
     if (name == measure.name) return measure;
   }
-  refuse(where + "there is no measure \"" + name + "\" of designs; there are " + all_names());
+  std::vector<std::string> names;
+  for (const Measure& measure : measures) names.emplace_back(measure.name);
+  const std::string near = nearest_names(name, names);
+  refuse(where + "there is no measure \"" + name + "\" of designs; " + (near.empty() ? "" : "did you mean " + near + "? ") +
+         "there are " + all_names());
 }
 
 }  // namespace

@@ -23,6 +23,22 @@ std::string lower_extension(const std::filesystem::path& path) {
   return extension;
 }
 
+/// Whether numbers up to the end of `last` are separated by blanks alone, and others by commas between digits: "0,5 1,5 2", of
+/// which x, y and z would be 0, 5 and 1.
+bool has_decimal_commas(const std::string& text, std::size_t last) {
+  const auto digit = [&](std::size_t i) { return i < text.size() && text[i] >= '0' && text[i] <= '9'; };
+  bool between_digits = false, blanks_alone = false;
+  for (std::size_t i = 1; i <= last && i < text.size(); ++i) {
+    if (text[i] == ',' && digit(i - 1) && digit(i + 1)) between_digits = true;
+    if (i < last && is_blank(text[i]) && digit(i - 1)) {
+      std::size_t next = i;
+      while (next < last && is_blank(text[next])) ++next;
+      blanks_alone = blanks_alone || text[next] != ',';
+    }
+  }
+  return between_digits && blanks_alone;
+}
+
 }  // namespace
 
 bool PointTable::is_table(const std::filesystem::path& path) {
@@ -80,8 +96,9 @@ void PointTable::read_header() {
     if (header) {
       std::vector<std::string> names;
       std::string name;
-      for (const char c : line.text + ",") {
-        if (c == ',') {
+      if (line.text.find(',') == std::string::npos && line.text.find(';') != std::string::npos) separator_ = ';';
+      for (const char c : line.text + separator_) {
+        if (c == separator_) {
           names.push_back(std::exchange(name, {}));
         } else if (!is_blank(c) && c != '"') {
           name += c;
@@ -111,7 +128,7 @@ void PointTable::split(Line& line) const {
     std::size_t begin = 0;
     for (std::size_t i = 0; i <= text.size(); ++i) {
       if (i < text.size() && text[i] == '"') quoted = !quoted;
-      if (i < text.size() && (quoted || text[i] != ',')) continue;
+      if (i < text.size() && (quoted || text[i] != separator_)) continue;
       fields.push_back({begin, i - begin});
       begin = i + 1;
     }
@@ -128,6 +145,9 @@ void PointTable::split(Line& line) const {
       if (i > begin) fields.push_back({begin, i - begin});
     }
     if (fields.size() < 3) refuse_line("three numbers are needed, x, y and z");
+    if (has_decimal_commas(text, fields.back().begin + fields.back().size)) {
+      refuse_line("commas stand within numbers; decimals are written with a point");
+    }
   }
   line.axis = {0, 1, 2};
   std::sort(line.axis.begin(), line.axis.end(), [&](std::size_t a, std::size_t b) { return columns_[a] < columns_[b]; });
@@ -148,8 +168,10 @@ Vec3 PointTable::point_of(const Line& line) const {
     double& value = point[line.axis[k]];
     const auto [parsed, error] = std::from_chars(begin, end, value);
     if (error != std::errc() || parsed != end || !std::isfinite(value)) {
+      const bool comma = error == std::errc() && parsed != end && *parsed == ',';
       refuse_line(std::string(1, axis_names[line.axis[k]]) + ": \"" +
-                  line.text.substr(line.fields[k].begin, line.fields[k].size) + "\" is no finite number");
+                  line.text.substr(line.fields[k].begin, line.fields[k].size) + "\" is no finite number" +
+                  (comma ? "; decimals are written with a point" : ""));
     }
   }
   return point;

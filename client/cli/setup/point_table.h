@@ -16,7 +16,9 @@
 namespace deform::cli {
 
 /// A table of points that is read, and written with other coordinates, line by line, so that it may be of any length:
-///  .csv         comma-separated, the first line with content is a header with the columns x, y and z
+///  .csv         separated by commas, or by semicolons where the header has no comma; the first line with content is the header,
+///  with
+///               the columns x, y and z
 ///  .xyz, .txt   three numbers in each line, separated by blanks or commas
 /// Everything else is kept byte for byte: other columns, blank lines, comments (#). One thread may read while another writes.
 class PointTable {
@@ -65,6 +67,7 @@ class PointTable {
   std::uint64_t number_ = 0;  ///< of the line read last, from 1
   std::array<std::size_t, 3> columns_{0, 1, 2};
   std::size_t header_size_ = 0;  ///< columns of a CSV file
+  char separator_ = ',';         ///< of a CSV file
   bool committed_ = false;
   std::mutex mutex_;
   std::deque<Line> lines_;  ///< read and not written yet; under mutex_

@@ -26,6 +26,7 @@
 #include "core/compiled/deformation.h"
 #include "core/compiled/reader.h"
 #include "core/compiled/records.h"
+#include "core/quality/displacement.h"
 
 namespace deform::python {
 
@@ -144,24 +145,13 @@ struct Report {
   double largest_displacement = 0;  ///< of the points as they are given, model units
 };
 
-/// Squares are compared, so that the root is taken once; infinite for points that are not finite.
 template <typename T>
 double largest_displacement(const Points& rest, std::span<const T> points) {
   const auto place = [&](std::size_t i) {
     return Vec3{static_cast<double>(points[3 * i]), static_cast<double>(points[3 * i + 1]),
                 static_cast<double>(points[3 * i + 2])};
   };
-  double largest = 0;
-  std::size_t at = 0;
-  for (std::size_t i = 0; i < rest.size(); ++i) {
-    const double square = squared_distance(place(i), rest[i]);
-    if (std::isnan(square)) return std::numeric_limits<double>::infinity();
-    if (square > largest) {
-      largest = square;
-      at = i;
-    }
-  }
-  return rest.empty() ? 0 : distance(place(at), rest[at]);
+  return largest_distance(rest.size(), place, rest).value;
 }
 
 /// Evaluates those designs that can be; the others are NaN, and have an error for a report.

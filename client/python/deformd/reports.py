@@ -15,6 +15,7 @@ _VERDICTS = {"VERDICT_GOOD": "good", "VERDICT_DOUBTFUL": "doubtful", "VERDICT_BA
 # Of the verdict of the server: fractions of the largest displacement, and of the diagonal.
 _BAD_ERROR = 1e-3
 _NEGLIGIBLE_ERROR = 1e-12
+_OUT_OF_REACH = 1e12
 
 
 class Report:
@@ -146,6 +147,10 @@ class CompiledReport:
             told.append(f"the solver did not reach its tolerance: the estimated error is {self.estimated_error:.3g}")
         if self.relative_error > _BAD_ERROR and self.estimated_error > _NEGLIGIBLE_ERROR * self._diagonal:
             told.append(f"the estimated error is {self.estimated_error:.3g}, {self.relative_error:.3g} of the largest displacement")
+        farthest = max(self.max_displacement, self.prescribed_displacement)
+        if self._diagonal > 0 and farthest / self._diagonal > _OUT_OF_REACH:
+            told.append(f"points move by up to {farthest / self._diagonal:.3g} times the diagonal of the model, where the rounding of coordinates "
+                        "destroys its shape; are the variables in its units?")
         return tuple(told)
 
     @property

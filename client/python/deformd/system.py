@@ -211,6 +211,9 @@ class System(DesignSpace):
         respect to the points. Of many, W (m, n, 3), the gradients (m, k), with one solution of the adjoint equations for all of
         them; m is at most 1000. x None: at rest."""
         cotangent = np.asarray(w, dtype=np.float64)
+        points = self._point_count
+        if cotangent.ndim not in (2, 3) or cotangent.shape[-2:] != (points, 3):
+            raise InvalidArgument(f"cotangent: an array of shape {cotangent.shape}, expected {(points, 3)}, or (m, {points}, 3) of many")
         native = self._client._native
         call = native.vector_jacobians if cotangent.ndim == 3 else native.vector_jacobian
         return call(self.id, self._design(x), cotangent, self._client._limits(timeout, cancel))

@@ -30,8 +30,9 @@ unsigned odd_planes(const PartPlan& plan, const Symmetry& symmetry) {
   return odd ? 1u << plan.components.front() : 0u;
 }
 
-/// Median distance to the nearest other place, over an evenly strided sample of the first `count` places.
-double median_spacing(const std::vector<Vec3>& places, std::size_t count) {
+/// The typical distance to the nearest other place, over an evenly strided sample of the first `count` places: the median, but at
+/// most 1.25 times the first decile, since the densest centres set the condition.
+double typical_spacing(const std::vector<Vec3>& places, std::size_t count) {
   constexpr std::size_t sample = 500;
   const std::size_t stride = count / sample + 1;
   std::vector<double> nearest;
@@ -42,9 +43,8 @@ double median_spacing(const std::vector<Vec3>& places, std::size_t count) {
     }
     nearest.push_back(least);
   }
-  const auto middle = nearest.begin() + static_cast<std::ptrdiff_t>(nearest.size() / 2);
-  std::nth_element(nearest.begin(), middle, nearest.end());
-  return *middle;
+  std::sort(nearest.begin(), nearest.end());
+  return std::min(nearest[nearest.size() / 2], 1.25 * nearest[nearest.size() / 10]);
 }
 
 }  // namespace
@@ -213,7 +213,7 @@ InterpolationOptions RbfSystem::interpolation_options(const std::vector<Vec3>& p
   InterpolationOptions interpolation;
   interpolation.kernel = {*options_.kernel, options_.shape * size};
   if (options_.shape == 0) {
-    interpolation.kernel.shape = automatic_shape(*options_.kernel, median_spacing(all, places.size()), size);
+    interpolation.kernel.shape = automatic_shape(*options_.kernel, typical_spacing(all, places.size()), size);
   }
   interpolation.polynomial_degree = degree(options_);
   relative_shape_ = interpolation.kernel.shape / size;

@@ -86,6 +86,21 @@ TEST_F(DetectedSetups, LongListsStandInAFileBesideIt) {
   EXPECT_THAT(written_.points, Not(HasSubstr("plane_z0_1")));
 }
 
+TEST_F(DetectedSetups, MayBeKeptExactly) {
+  plane("a", count_to(20));
+  plane("b", count_to(21));
+  line("line_l3_1", {0, 3, 6, 9}, {"a", "b"});
+  DetectedSetupOptions options{"part.obj", "", "points.json", {}};
+  EXPECT_FALSE(read_back(options).constraints(0).exact());
+  options.kept = DetectedSetupOptions::Kept::exactly;
+  read_back(options);
+  std::string text = written_.text;
+  text.erase(text.find("# - {name: line_l3_1"), 2);
+  const v1::Setup taken = read_setup_file(write("taken.yaml", text)).setup;
+  ASSERT_EQ(taken.constraints_size(), 3);
+  for (const v1::Constraint& constraint : taken.constraints()) EXPECT_TRUE(constraint.exact()) << constraint.name();
+}
+
 TEST_F(DetectedSetups, WithoutSetsIsLegal) {
   const v1::Setup setup = read_back({"part.obj", "", "points.json", {}});
   EXPECT_EQ(setup.constraints_size(), 0);

@@ -27,6 +27,25 @@ TEST(Csv, ReadsQuotesCommentsAndLineEnds) {
   EXPECT_EQ(csv.number(csv.rows[1], 2), -0.5);
 }
 
+TEST(Csv, ReadsWhatSemicolonsSeparate) {
+  const auto csv = cli::parse_csv("name;roof_up;\"a,b\"\nx,y;0.03;1\n\"u;v\";0,03;1,2,3\n", "t.csv");
+  EXPECT_EQ(csv.header, (std::vector<std::string>{"name", "roof_up", "a,b"}));
+  ASSERT_EQ(csv.rows.size(), 2u);
+  EXPECT_EQ(csv.rows[0].fields[0], "x,y");
+  EXPECT_EQ(csv.number(csv.rows[0], 1), 0.03);
+  EXPECT_EQ(csv.rows[1].fields[0], "u;v");
+  expect_error(ErrorCode::invalid_argument, {"t.csv:3: roof_up: ", "\"0,03\"; decimals are written with a point: 0.03"},
+               [&] { csv.number(csv.rows[1], 1); });
+  try {
+    csv.number(csv.rows[1], 2);
+    FAIL() << "1,2,3 is no number";
+  } catch (const Error& error) {
+    EXPECT_EQ(std::string(error.what()).find("decimals"), std::string::npos) << error.what();
+  }
+  EXPECT_EQ(cli::parse_csv("a;b,c\n1,2\n", "t.csv").header, (std::vector<std::string>{"a;b", "c"}))
+      << "commas separate where there are some";
+}
+
 TEST(Csv, RefusesWithTheLine) {
   expect_error(ErrorCode::invalid_argument, {"t.csv", "empty"}, [] { cli::parse_csv("\n# c\n", "t.csv"); });
   expect_error(ErrorCode::invalid_argument, {"t.csv:3", "1 fields, the header has 2"},

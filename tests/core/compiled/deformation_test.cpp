@@ -183,6 +183,21 @@ TEST(CompiledDeformation, RefusesBadDesigns) {
   const auto evaluate = [&](std::vector<double> values) { return [&, values] { deformation.evaluate(values, points); }; };
   refused({"designs[0].variables[1] (\"turn\"): 1.1 is outside of its bounds [-1, 1]"}, evaluate({0, 1.1, 0, 0, 0}));
   refused({"variables[4] (\"roll\")", "finite"}, evaluate({0, 0, 0, 0, std::nan("")}));
+  {
+    test::Blend unbounded(100);
+    for (Variable& variable : unbounded.content.variables) {
+      variable.lower = -HUGE_VAL;
+      variable.upper = HUGE_VAL;
+    }
+    const Deformation wide(std::move(unbounded.content));
+    refused({"designs[0].variables[1] (\"turn\"): 1e+300 turns by more than 1e12 radians"}, [&] {
+      wide.evaluate(std::vector<double>{0, 1e300, 0, 0, 0}, points);
+    });
+    wide.evaluate(std::vector<double>{0, 1e10, 0, 0, 0}, points);
+    refused({"designs[0]: variables: they move handle \"left\" farther than a number can say"}, [&] {
+      wide.evaluate(std::vector<double>{1.7e308, 0, 0, 1.7e308, 0}, points);
+    });
+  }
   refused({"designs: 4 numbers", "5 variables"}, evaluate({0, 0, 0, 0}));
   refused({"points: expected 600 numbers", "got 300"}, evaluate(std::vector<double>(10, 0.0)));
   refused({"direction: expected 5"}, [&] { deformation.jacobian_vector(at, std::vector<double>(4), vectors); });

@@ -194,7 +194,8 @@ class RbfOracle {
     interpolant_ = std::make_unique<test::DenseInterpolant>(std::move(problem));
   }
 
-  /// So many times the median distance of some centres from the nearest other one, at most half the diagonal.
+  /// So many times the distance of some centres from the nearest other one, at most half the diagonal: the median, or 1.25 times
+  /// the first decile if that is less.
   Wide automatic(const std::vector<WideVec>& places, double spacings, const Wide& diagonal) const {
     const std::size_t stride = centres_.size() / 500 + 1;
     std::vector<double> nearest;
@@ -207,9 +208,8 @@ class RbfOracle {
       }
       nearest.push_back(std::sqrt(least.hi));
     }
-    const auto middle = nearest.begin() + static_cast<std::ptrdiff_t>(nearest.size() / 2);
-    std::nth_element(nearest.begin(), middle, nearest.end());
-    return {std::min(0.5 * diagonal.hi, spacings * *middle)};
+    std::sort(nearest.begin(), nearest.end());
+    return {std::min(0.5 * diagonal.hi, spacings * std::min(nearest[nearest.size() / 2], 1.25 * nearest[nearest.size() / 10]))};
   }
 
   const Case& c_;

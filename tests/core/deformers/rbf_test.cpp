@@ -9,6 +9,7 @@
 
 #include "core/base/error.h"
 #include "core/mesh/ahmed.h"
+#include "tests/core/deformers/shapes.h"
 
 namespace deform {
 namespace {
@@ -73,6 +74,34 @@ TEST(Rbf, CommonAffineMotionIsReproducedByEveryKernelAndSolver) {
             << properties(kernel).name << " " << to_string(solver) << " used " << to_string(system->info().solver)
             << " condition " << system->info().condition;
       }
+    }
+  }
+}
+
+/// A sheet of which a tenth of the columns is four times as dense as the others.
+std::shared_ptr<const Mesh> uneven_sheet() {
+  Mesh mesh = test::bumpy_sheet(61, 21);
+  for (Vec3& x : mesh.points) x[0] = x[0] < 0.2 ? 0.25 * x[0] : x[0] - 0.15;
+  return test::shared(std::move(mesh));
+}
+
+Setup uneven_setup() {
+  deform::Setup setup = test::sheet_setup();
+  setup.fixed = {test::box({-1, -1, -1}, {1.3, 2, 1})};
+  return setup;
+}
+
+TEST(Rbf, AutomaticShapesSuitTheDensestCentres) {
+  const auto sheet = uneven_sheet(), car = body();
+  for (const Kernel kernel : {Kernel::gaussian, Kernel::multiquadric, Kernel::inverse_multiquadric}) {
+    for (const auto& [mesh, given] : {std::pair(sheet, uneven_setup()), std::pair(car, car_setup())}) {
+      deform::Setup setup = given;
+      RbfOptions options;
+      options.kernel = kernel;
+      setup.method = options;
+      const auto system = prepare(mesh, setup);
+      EXPECT_LT(system->info().condition, 1e12) << properties(kernel).name << ", " << mesh->point_count() << " points";
+      EXPECT_EQ(system->info().solver, Solver::cholesky);
     }
   }
 }

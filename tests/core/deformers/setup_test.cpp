@@ -322,6 +322,23 @@ TEST(Setup, ValuesBesideABoundMoveHandlesAsTheBoundDoes) {
   });
 }
 
+TEST(Setup, HugeValuesAreRefusedWhereNoNumberHoldsTheMotion) {
+  deform::Setup setup = good();
+  for (DesignVariable& variable : setup.variables) {
+    variable.lower = -std::numeric_limits<double>::infinity();
+    variable.upper = std::numeric_limits<double>::infinity();
+  }
+  setup.variables[3].also = {{"end", DesignVariable::Rotate{{0, 0, 1}, {}, AngleUnit::degrees}}};
+  const auto refused = [&](const std::vector<double>& v, const std::vector<const char*>& parts) {
+    test::expect_error(ErrorCode::invalid_argument, parts, [&] { handle_motions(setup, v); });
+  };
+  refused({0, 1e300, 0, 0}, {"variables[1] (\"turn\"): 1e+300 turns by more than 1e12 radians"});
+  refused({0, 0, 0, -1e15}, {"variables[3] (\"widen\"): -1e+15 turns by more than 1e12 radians"});
+  refused({1e308, 0, 0, 0}, {"variables: they move handle \"end\" farther than a number can say"});
+  EXPECT_EQ(handle_motions(setup, std::vector<double>{0.8e308, 0, 0, 0})[0][11], 1.6e308);
+  EXPECT_NO_THROW(handle_motions(setup, std::vector<double>{0, 0.9e12, 0, 1e13}));
+}
+
 TEST(Setup, BadVariableValuesAreRefusedByName) {
   const deform::Setup setup = good();
   const auto refused = [&](const std::vector<double>& v, const std::vector<const char*>& parts) {

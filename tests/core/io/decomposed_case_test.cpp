@@ -4,8 +4,10 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <cstring>
 #include <filesystem>
 #include <map>
+#include <numeric>
 #include <random>
 
 #include "core/io/mesh_file.h"
@@ -227,6 +229,27 @@ class DecomposedCase : public testing::Test {
       part_of.push_back(c < parts ? c : static_cast<int>(random() % static_cast<unsigned>(parts)));
     for (int part = 0; part < parts; ++part) write_part(grid(), part_of, part, parts, mesh_of(part), binary);
   }
+  /// The same parts as the file handler "collated" writes them, in folders of so many parts each; the folders of the parts go.
+  void collate(const std::vector<int>& folders) {
+    int parts = 0, first = 0;
+    for (const int count : folders) parts += count;
+    for (const int count : folders) {
+      std::string name = "processors" + std::to_string(parts);
+      if (folders.size() > 1) name += "_" + std::to_string(first) + "-" + std::to_string(first + count - 1);
+      fs::create_directories(case_ / name / "constant" / "polyMesh");
+      for (const auto& file : fs::directory_iterator(mesh_of(first))) {
+        std::string all = "// from decomposePar\nFoamFile { version 2.0; format binary; class decomposedBlockData; object x; }\n";
+        for (int part = first; part < first + count; ++part) {
+          std::string content = read_file(mesh_of(part) / file.path().filename());
+          if (part > first) content = "\n" + content.substr(content.find("}\n") + 2);
+          all += "\n// Processor" + std::to_string(part) + "\n\n" + std::to_string(content.size()) + "\n(" + content + ")\n";
+        }
+        write_file(case_ / name / "constant" / "polyMesh" / file.path().filename(), all);
+      }
+      first += count;
+    }
+    for (int part = 0; part < parts; ++part) fs::remove_all(case_ / ("processor" + std::to_string(part)));
+  }
   fs::path mesh_of(int part) const { return case_ / ("processor" + std::to_string(part)) / "constant" / "polyMesh"; }
   std::string bytes(int part, const char* name) const { return read_file(mesh_of(part) / name); }
 
@@ -376,7 +399,118 @@ TEST_F(DecomposedCase, SaysWhichPartIsMissing) {
   expect_refused(ErrorCode::not_found, {"processor1", "cellProcAddressing", "reconstructParMesh"});
   fs::remove_all(case_);
   fs::create_directories(case_ / "processors4" / "constant" / "polyMesh");
-  expect_refused(ErrorCode::invalid_argument, {"collated", "processors4", "uncollated"});
+  expect_refused(ErrorCode::invalid_argument, {"without a mesh in its collated parts", "processors4"});
+}
+
+// ---- collated ----
+
+TEST_F(DecomposedCase, CollatedPartsAreOneMeshAsBeforeBitForBit) {
+  const auto whole = read_mesh_file(base_ / "whole");
+  for (const std::vector<int>& folders : std::vector<std::vector<int>>{{1}, {4}, {2, 2}, {3, 1, 3}}) {
+    for (const bool binary : {false, true}) {
+      SCOPED_TRACE(testing::PrintToString(folders) + (binary ? " binary" : ""));
+      fs::remove_all(case_);
+      const int parts = std::accumulate(folders.begin(), folders.end(), 0);
+      decompose(parts, static_cast<unsigned>(parts), binary);
+      collate(folders);
+      const auto file = read_mesh_file(case_);
+      EXPECT_EQ(file->case_parts(), static_cast<std::size_t>(parts));
+      expect_same(*whole->mesh(), *file->mesh());
+    }
+  }
+  for (const char* place : {"processor*", "processors7_3-3", "processor*/constant", "processors7_0-2/constant"}) {
+    EXPECT_EQ(read_mesh_file(case_ / place)->case_parts(), 7u) << place;
+  }
+}
+
+TEST_F(DecomposedCase, EveryFolderOfCollatedPartsGetsItsPoints) {
+  for (const std::vector<int>& folders : std::vector<std::vector<int>>{{4}, {1, 3}}) {
+    SCOPED_TRACE(testing::PrintToString(folders));
+    fs::remove_all(base_);
+    decompose(4, 5);
+    collate(folders);
+    const std::string last = folders.size() == 1 ? "processors4" : "processors4_1-3";
+    const std::string before = read_file(case_ / last / "constant" / "polyMesh" / "points");
+    const auto file = read_mesh_file(case_);
+    Points moved = file->mesh()->points;
+    for (Vec3& p : moved) p[2] += p[0] * p[1] / 3;
+    write_mesh_file(*file, moved, case_ / "0.5");
+    EXPECT_EQ(read_mesh_file(case_ / "processor*" / "0.5")->mesh()->points, moved);
+    EXPECT_EQ(read_mesh_file(case_ / last / "0.5")->mesh()->points, moved);
+    EXPECT_FALSE(fs::exists(case_ / "0.5"));
+    EXPECT_EQ(read_mesh_file(case_)->mesh()->points, file->mesh()->points) << "the original stays";
+    write_mesh_file(*file, moved, base_ / "elsewhere");
+    write_mesh_file(*file, moved, case_ / "processor*" / "1");
+    write_mesh_file(*file, moved, case_ / last / "3");
+    const std::string points = read_file(case_ / last / "0.5" / "polyMesh" / "points");
+    EXPECT_NE(points.size(), before.size()) << "blocks have other sizes";
+    EXPECT_EQ(read_file(base_ / "elsewhere" / last / "polyMesh" / "points"), points);
+    for (const char* time : {"1", "3"}) EXPECT_EQ(read_file(case_ / last / time / "polyMesh" / "points"), points);
+    write_mesh_file(*file, file->mesh()->points, case_ / "2");
+    EXPECT_EQ(read_file(case_ / last / "2" / "polyMesh" / "points"), before) << "byte for byte";
+    EXPECT_EQ(source_file(case_), fs::canonical(case_) / "processor*" / "constant" / "polyMesh" / "points");
+    write_mesh_file(*file, moved, source_file(case_));
+    EXPECT_EQ(read_mesh_file(case_)->mesh()->points, moved) << "in place";
+  }
+}
+
+TEST_F(DecomposedCase, OutputsThatReplaceOrHideCollatedPartsAreRefused) {
+  decompose(2, 3);
+  collate({2});
+  for (const fs::path& output : {case_ / "processor*" / "constant", case_ / "processors2" / "constant", case_ / "processors2"}) {
+    EXPECT_TRUE(replaced_source(case_, output)) << output;
+  }
+  for (const fs::path& output : {case_ / "1", case_ / "processors2" / "1", base_ / "elsewhere"}) {
+    EXPECT_FALSE(replaced_source(case_, output)) << output;
+    EXPECT_NO_THROW(check_output(case_, output)) << output;
+  }
+  test::expect_error(ErrorCode::invalid_argument, {"is a decomposed OpenFOAM case", "parts/1"},
+                     [&] { check_output(case_, case_); });
+  test::expect_error(ErrorCode::invalid_argument, {"one part", "all its parts"},
+                     [&] { check_output(case_, case_ / "processors4" / "1"); });
+}
+
+TEST_F(DecomposedCase, RefusesCollatedPartsThatDoNotFit) {
+  const auto spoiled = [&](const char* name, const auto& change, const std::vector<const char*>& words) {
+    fs::remove_all(case_);
+    decompose(3, 3);
+    collate({3});
+    const fs::path path = case_ / "processors3" / "constant" / "polyMesh" / name;
+    std::string content = read_file(path);
+    change(content);
+    write_file(path, content);
+    expect_refused(ErrorCode::invalid_argument, words);
+  };
+  const auto replace = [](const char* from, const char* to) {
+    return [from, to](std::string& content) { content.replace(content.find(from), std::strlen(from), to); };
+  };
+  spoiled("points", replace("decomposedBlockData", "vectorField"), {"processors3", "points", "decomposedBlockData"});
+  spoiled("faces", [](std::string& content) { content.resize(content.size() - 9); }, {"faces", "the size of a part is", "left"});
+  spoiled("owner", [](std::string& content) { content.resize(content.find("// Processor2")); }, {"owner", "has 2 parts", "of 3"});
+  spoiled("owner", [](std::string& content) { content += "4\n(abcd)"; }, {"owner", "has 4 parts", "of 3"});
+  spoiled("points", replace("// Processor1\n\n", "// Processor1\n\n1"), {"points", "the size of a part is"});
+  spoiled("pointProcAddressing", replace("\n// Processor1", "\n// Processor1\n5\n(\n1(0))\n//"), {"pointProcAddressing"});
+  spoiled("pointProcAddressing",
+          [](std::string& content) {
+            const std::size_t list = content.find('(', content.find("// Processor1"));
+            content[content.find(' ', list)] = '_';
+          },
+          {"pointProcAddressing (part 1)"});
+  fs::remove_all(case_);
+  decompose(3, 3);
+  collate({2, 1});
+  fs::rename(case_ / "processors3_0-1", case_ / "processors3_1-1");
+  expect_refused(ErrorCode::not_found, {"part 0 of the 3"});
+  fs::rename(case_ / "processors3_1-1", case_ / "processors3_0-1");
+  fs::create_directories(case_ / "processors3_1-2");
+  expect_refused(ErrorCode::not_found, {"part 2 of the 3"});
+  fs::remove(case_ / "processors3_1-2");
+  fs::create_directories(case_ / "processors5");
+  expect_refused(ErrorCode::invalid_argument, {"processors3_0-1", "processors5", "name one"});
+  EXPECT_EQ(read_mesh_file(case_ / "processors3_0-1")->case_parts(), 3u);
+  fs::remove(case_ / "processors3_2-2" / "constant" / "polyMesh" / "cellProcAddressing");
+  test::expect_error(ErrorCode::not_found, {"processors3_2-2", "cellProcAddressing", "reconstructParMesh"},
+                     [&] { read_mesh_file(case_ / "processors3_0-1"); });
 }
 
 }  // namespace

@@ -208,7 +208,15 @@ TEST_F(FilesTest, NamesThatTheFormatCannotHoldStayDifferent) {
 
 TEST_F(FilesTest, NewFilesOfOtherKindsAreRefused) {
   const Mesh mesh = grouped_triangles();
-  test::expect_error(ErrorCode::invalid_argument, {"new.off", ".obj or .stl"}, [&] { write_new_file(mesh, path("new.off")); });
+  test::expect_error(ErrorCode::invalid_argument, {"new.off", ".obj or .stl", "not as OFF"},
+                     [&] { write_new_file(mesh, path("new.off")); });
+  try {
+    write_new_file(mesh, path("new.txt"));
+    FAIL() << "of no format";
+  } catch (const Error& error) {
+    EXPECT_EQ(error.code(), ErrorCode::invalid_argument);
+    EXPECT_EQ(error.what(), path("new.txt").string() + ": new files are written as .obj or .stl, optionally with .gz");
+  }
   Mesh quad = mesh;
   quad.face_sizes = {4, 4, 1};
   test::expect_error(ErrorCode::invalid_argument, {"new.stl", "face 0 has 4 corners"},

@@ -4,6 +4,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <limits>
+
 namespace deform {
 namespace {
 
@@ -17,6 +19,18 @@ TEST(LargestDisplacement, IsTheFirstOfTheLargest) {
   EXPECT_EQ(largest.id, 1u);
   EXPECT_EQ(largest_displacement(rest, rest).value, 0);
   EXPECT_EQ(largest_displacement({}, {}).value, 0);
+}
+
+TEST(LargestDisplacement, IsTheLargestAlsoWhereSquaresOverflow) {
+  const Points rest = {{0, 0, 0}, {1, 0, 0}, {2, 0, 0}};
+  const Extreme largest = largest_displacement(Points{{1e200, 0, 0}, {3e299, 4e299, 0}, {-1e250, 0, 0}}, rest);
+  EXPECT_DOUBLE_EQ(largest.value, 5e299);
+  EXPECT_EQ(largest.id, 1u);
+  for (const double gone : {std::numeric_limits<double>::infinity(), std::numeric_limits<double>::quiet_NaN()}) {
+    const Extreme lost = largest_displacement(Points{{1e200, 0, 0}, {1, 0, 0}, {2, gone, 0}}, rest);
+    EXPECT_EQ(lost.value, std::numeric_limits<double>::infinity());
+    EXPECT_EQ(lost.id, 2u);
+  }
 }
 
 TEST(DisplacementWarning, NamesThePointAndTheRatioFromOneAndAHalfOn) {

@@ -2,6 +2,8 @@
 """Runs a study: asks for designs, has them evaluated, keeps what came of them."""
 
 import concurrent.futures
+import hashlib
+import json
 import os
 import pathlib
 import sys
@@ -16,6 +18,7 @@ from ..compiled import load
 from ..errors import DataLoss, Error, InvalidArgument
 from . import optimizers, results
 from .journal import Journal
+from .libraries import needing_libraries
 from .places import open_place
 from .sampling import sample
 from .spec import Spec, read_spec
@@ -127,8 +130,10 @@ class Study:
                                "variables or repair the evaluator; `failing: 1` in the file goes on whatever fails")
 
     def _tell(self, record: Dict[str, Any]) -> None:
-        done, budget = len(self._journal.records), self.spec.budget
-        line = f"{done}{f'/{budget}' if budget else ''}  design {record['number']}: {record['verdict']}"
+        records = self._journal.records
+        whole = self.spec.budget if self.spec.doe is None else len(self._numbers)  # a design of experiments is asked for at once
+        done = len(records) if whole is None else sum(number in records for number in range(whole))
+        line = f"{done}{f'/{whole}' if whole else ''}  design {record['number']}: {record['verdict']}"
         if failed(record):
             line += f" ({'; '.join(record['reasons'])[:120]})"
         elif len(self.spec.objectives) == 1:
@@ -170,10 +175,12 @@ def _done(futures: Iterable[Any]) -> List[Any]:
         time.sleep(0.2)
 
 
+@needing_libraries()
 def run_study(path: Union[str, "os.PathLike[str]"], say: Callable[[str], None] = print) -> List[Dict[str, Any]]:
     """Runs the study of a file, or goes on with it, and writes its results. Returns the records by number of the design.
 
-    say: takes the lines of progress. Raises InvalidArgument for what is wrong in the file, StudyStopped when too many designs fail.
+    say: takes the lines of progress. Raises InvalidArgument for what is wrong in the file, StudyStopped when too many designs fail, ImportError that
+    says what to install for a library that is missing.
     """
     spec = read_spec(path)
     if str(spec.base) not in sys.path:
@@ -211,7 +218,8 @@ def _shares(records: List[Dict[str, Any]]) -> str:
 
 
 def _task(spec: Spec) -> Tuple[Task, Tuple[str, ...], np.ndarray]:
-    task: Task = {"evaluate": spec.evaluate, "folder": str(spec.folder), "write": spec.meshes, "gradients": optimizers.gradients_of(spec),
+    study = hashlib.sha256(json.dumps(spec.identity, sort_keys=True).encode()).hexdigest()
+    task: Task = {"study": study, "evaluate": spec.evaluate, "folder": str(spec.folder), "write": spec.meshes, "gradients": optimizers.gradients_of(spec),
                   "server": spec.server, "system": None, "compiled": None, "mesh": str(spec.mesh) if spec.mesh else None}
     if spec.setup.suffix == ".deformation":
         fast = load(spec.setup)

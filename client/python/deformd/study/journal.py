@@ -5,7 +5,7 @@ import fcntl
 import json
 import os
 import pathlib
-from typing import Any, Dict, List, Mapping
+from typing import Any, Dict, Iterable, List, Mapping
 
 from ..errors import DataLoss, FailedPrecondition
 
@@ -15,6 +15,9 @@ class Journal:
 
     A record is on the disk when `add` returns. A last line that was cut off is taken back. One process at a time: another raises
     FailedPrecondition. Not for several threads.
+
+    A folder belongs to the study that has finished a design in it; another raises FailedPrecondition. Where none is finished, because none was
+    evaluated or all failed, a changed study begins anew.
     """
 
     def __init__(self, folder: pathlib.Path, identity: Mapping[str, str]) -> None:
@@ -24,13 +27,23 @@ class Journal:
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             raise FailedPrecondition(f"folder: {folder}: another process runs this study") from None
-        _check_identity(folder, dict(identity))
         self.records: Dict[int, Dict[str, Any]] = {}
         path = folder / "journal.jsonl"
         whole = self._read(path) if path.exists() else 0
+        changed = _changed(folder, dict(identity))
+        if changed and (_finished(self.records.values()) or _finished(_kept(folder))):
+            raise FailedPrecondition(f"{', '.join(changed)}: changed since {folder} was begun, whose designs would not be those of this study; name "
+                                     "another folder, or delete that one")
         self._file = open(path, "ab")
+        if changed:  # what is there goes before the folder is claimed, so that a crash leaves no record to the wrong study
+            self.records, whole = {}, 0
+            for kept in (folder / "results").glob("*.json"):
+                kept.unlink()
         self._file.truncate(whole)
+        os.fsync(self._file.fileno())
         _sync_folder(folder)
+        if changed or not (folder / "identity.json").exists():
+            write_whole(folder / "identity.json", json.dumps(dict(identity), indent=1).encode())
 
     def _read(self, path: pathlib.Path) -> int:
         """Bytes of whole lines."""
@@ -78,13 +91,19 @@ def _sync_folder(folder: pathlib.Path) -> None:
         os.close(handle)
 
 
-def _check_identity(folder: pathlib.Path, identity: Dict[str, str]) -> None:
+def _changed(folder: pathlib.Path, identity: Dict[str, str]) -> List[str]:
+    """Keys of the study that are not as when the folder was claimed; none of a folder that nobody has claimed."""
     path = folder / "identity.json"
     if not path.exists():
-        write_whole(path, json.dumps(identity, indent=1).encode())
-        return
+        return []
     before = json.loads(path.read_text())
-    changed = sorted(key for key in {*before, *identity} if before.get(key) != identity.get(key))
-    if changed:
-        raise FailedPrecondition(f"{', '.join(changed)}: changed since {folder} was begun, whose designs would not be those of this study; name "
-                                 "another folder, or delete that one")
+    return sorted(key for key in {*before, *identity} if before.get(key) != identity.get(key))
+
+
+def _kept(folder: pathlib.Path) -> List[Dict[str, Any]]:
+    """Records that workers have kept and the journal does not have."""
+    return [json.loads(path.read_text()) for path in (folder / "results").glob("*.json")]
+
+
+def _finished(records: Iterable[Mapping[str, Any]]) -> bool:
+    return any(record["verdict"] != "failed" for record in records)

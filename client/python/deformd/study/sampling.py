@@ -35,8 +35,10 @@ def sample(doe: Tuple[str, Any], names: Sequence[str], bounds: np.ndarray, seed:
 
 
 def _table(path: Any, names: Sequence[str]) -> np.ndarray:
-    with open(path, newline="") as file:
-        rows = list(csv.reader(file))
+    with open(path, newline="", encoding="utf-8-sig") as file:
+        lines = file.read().splitlines()
+    semicolons = bool(lines) and ";" in lines[0] and "," not in lines[0]  # as spreadsheets write whose language has decimal commas
+    rows = list(csv.reader(lines, delimiter=";" if semicolons else ","))
     head = [name.strip() for name in rows[0]] if rows else []
     if sorted(head) != sorted(names):
         raise InvalidArgument(f"doe.table: the columns are {', '.join(head) or 'missing'}, expected {', '.join(names)}")
@@ -46,7 +48,7 @@ def _table(path: Any, names: Sequence[str]) -> np.ndarray:
             values = dict(zip(head, map(float, row)))
             designs.append([values[name] for name in names])
         except (ValueError, KeyError):
-            raise InvalidArgument(f"doe.table: line {number}: expected {len(names)} numbers") from None
+            raise InvalidArgument(f"doe.table: line {number}: expected {len(names)} numbers, decimals with a point") from None
     if not designs:
         raise InvalidArgument("doe.table: no designs")
     return np.array(designs)

@@ -7,6 +7,7 @@ import pathlib
 from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple, Union
 
 from ..errors import InvalidArgument, NotFound
+from .libraries import needing_libraries
 from .measures import MEASURES, checked_measure, files_of, names_of
 
 DOES = ("sobol", "latin_hypercube", "halton", "factorial", "table")
@@ -49,8 +50,9 @@ class Spec(NamedTuple):
     """What must not change between runs: key -> a hash or text."""
 
 
+@needing_libraries()
 def read_spec(path: Union[str, "os.PathLike[str]"]) -> Spec:
-    """Reads a study. Raises InvalidArgument, which names the key, for what is wrong."""
+    """Reads a study. Raises InvalidArgument, which names the key, for what is wrong; ImportError without PyYAML."""
     import yaml
 
     file = pathlib.Path(path).resolve()

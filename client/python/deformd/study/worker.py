@@ -26,7 +26,7 @@ from .measures import Evaluation, make_measure
 from .places import die_with_parent
 
 Task = Dict[str, Any]
-"""number, x; evaluate, names; server and system, or compiled (a path); mesh (a path or None); folder; write (an extension or None); gradients."""
+"""number, x; study (what its file says, as a hash); evaluate, names; server and system, or compiled (a path); mesh (a path or None); folder; write (an extension or None); gradients."""
 
 _lock = threading.Lock()
 _loaded: Dict[str, Any] = {}
@@ -49,17 +49,18 @@ def evaluate(task: Task) -> Dict[str, Any]:
     record = _evaluate(task)
     if "measures" not in task["evaluate"] and task["evaluate"]:
         kept.parent.mkdir(exist_ok=True)
-        write_whole(kept, json.dumps(record, allow_nan=False).encode())
+        write_whole(kept, json.dumps({**record, "study": task["study"]}, allow_nan=False).encode())
     return record
 
 
 def kept_result(task: Task) -> Optional[Dict[str, Any]]:
-    """What a worker kept of this design, if it did."""
+    """What a worker of this study kept of this design, if it did."""
     kept = pathlib.Path(task["folder"]) / "results" / f"{task['number']:06}.json"
     if not kept.exists():
         return None
-    record = json.loads(kept.read_text())
-    return record if record["x"] == task["x"] else None
+    record: Dict[str, Any] = json.loads(kept.read_text())
+    study = record.pop("study", None)  # a job of what the folder was begun with may end late
+    return record if record["x"] == task["x"] and study == task["study"] else None
 
 
 def _evaluate(task: Task) -> Dict[str, Any]:

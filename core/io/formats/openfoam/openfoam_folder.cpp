@@ -176,9 +176,8 @@ void explain_no_mesh(const fs::path& path) {
                 path.string() + ": is an OpenFOAM case of several regions; name the one to read: " + listed(regions));
   }
   if (!parts.empty()) {
-    throw Error(ErrorCode::invalid_argument, path.string() + ": is a decomposed OpenFOAM case whose parts are collated (" +
-                                                 listed(parts) +
-                                                 "), which is not read; write it with the file handler \"uncollated\"");
+    throw Error(ErrorCode::invalid_argument,
+                path.string() + ": is a decomposed OpenFOAM case without a mesh in its collated parts, " + listed(parts));
   }
 }
 

@@ -278,12 +278,16 @@ CasePart parse_case_part(FoamFiles files, const CaseAddresses& addresses) {
   return part;
 }
 
-CasePart read_case_part(FoamFolder folder) {
+CaseAddresses load_addresses(const FoamFolder& folder) {
   const auto load = [&](const char* name) {
     return load_openfoam_file(folder.topology, name,
                               "which says what this part is in the whole case (reconstructParMesh writes it)");
   };
-  const CaseAddresses addresses{load("pointProcAddressing"), load("faceProcAddressing"), load("cellProcAddressing")};
+  return {load("pointProcAddressing"), load("faceProcAddressing"), load("cellProcAddressing")};
+}
+
+CasePart read_case_part(FoamFolder folder) {
+  const CaseAddresses addresses = load_addresses(folder);
   return parse_case_part(std::move(folder.files), addresses);
 }
 

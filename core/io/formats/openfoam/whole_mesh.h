@@ -29,6 +29,8 @@ struct CaseAddresses {
   FoamFiles::Part points, faces, cells;
 };
 
+/// Reads the addresses beside the faces. Throws Error(not_found) where one is missing.
+CaseAddresses load_addresses(const FoamFolder& folder);
 /// Throws Error(invalid_argument) if the numbers of the addresses are not those of the mesh.
 CasePart parse_case_part(FoamFiles files, const CaseAddresses& addresses);
 /// Reads the mesh and the addresses beside its faces.
