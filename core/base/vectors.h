@@ -26,7 +26,11 @@ inline Vec3 cross(const Vec3& a, const Vec3& b) {
 /// The Euclidean norm. Fast, but the squares must neither overflow nor underflow.
 inline double length(const Vec3& a) { return std::sqrt(dot(a, a)); }
 /// The Euclidean norm without overflow or underflow of squares, at the cost of std::hypot().
-inline double norm(const Vec3& a) { return std::hypot(a[0], a[1], a[2]); }
+/// NaN where a component is: libstdc++ takes (0, NaN, 0) for 0.
+inline double norm(const Vec3& a) {
+  const double size = std::hypot(a[0], a[1], a[2]);
+  return size > 0 ? size : std::abs(a[0]) + std::abs(a[1]) + std::abs(a[2]);
+}
 /// norm() of the difference.
 inline double distance(const Vec3& a, const Vec3& b) { return norm(a - b); }
 inline double squared_distance(const Vec3& a, const Vec3& b) {

@@ -51,11 +51,16 @@ constexpr double default_reduction_tolerance(Kernel kernel) { return kernel == K
 constexpr double default_tolerance(Solver solver) { return solver == Solver::incremental_qr ? 1e-4 : 1e-6; }
 
 /// RBF deformation (thesis 3.5, 4.2). Lengths in model units.
+/// The distance between neighbouring centres that sets automatic shapes: that of the densest ones, as they set the condition, or
+/// the median, as up to version 0.2.
+enum class ShapeRule { densest, median };
+
 struct RbfOptions {
   std::optional<Kernel> kernel = std::nullopt;  ///< radial kernel; if not set, default_kernel() of the mesh
   /// The shape parameter s of kernels that have one, as a fraction of the bounding-box diagonal of the centres. Larger values are
   /// smoother and worse conditioned. 0 means automatic_shape() of kernel.h; otherwise 0 < shape <= 100.
   double shape = 0;
+  ShapeRule shape_rule = ShapeRule::densest;  ///< for shape = 0
   /// The total degree of the polynomial part, at least order - 1 and at most 2; -1 means max(1, order - 1).
   int polynomial_degree = -1;
   Solver solver = Solver::automatic;  ///< solver of the interpolation system

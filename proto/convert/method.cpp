@@ -58,10 +58,23 @@ BasisMode basis_mode(v1::BasisMode mode, const std::string& path) {
   return mode == v1::BASIS_ALWAYS ? BasisMode::always : mode == v1::BASIS_NEVER ? BasisMode::never : BasisMode::automatic;
 }
 
+/// How setups were stored before there was `automatic_shape`: without it, but with what else has a default.
+bool stored_without_shape_rule(const v1::RbfMethod& message) {
+  return message.automatic_shape() == v1::AUTOMATIC_SHAPE_DEFAULT && message.has_polynomial_degree() &&
+         (message.reduction_rings() != 0 || message.reduction_tolerance() != 0);
+}
+
+ShapeRule shape_rule(const v1::RbfMethod& message) {
+  const bool median =
+      known(message.automatic_shape(), "method.rbf.automatic_shape") == v1::SHAPE_OF_MEDIAN || stored_without_shape_rule(message);
+  return median ? ShapeRule::median : ShapeRule::densest;
+}
+
 RbfOptions rbf_options(const v1::RbfMethod& message) {
   RbfOptions options;
   options.kernel = kernel_from_proto(message.kernel());
   options.shape = message.shape();
+  options.shape_rule = shape_rule(message);
   if (message.has_polynomial_degree())
     options.polynomial_degree = fitting_int(message.polynomial_degree(), "method.rbf.polynomial_degree");
   switch (message.solver()) {
@@ -254,6 +267,9 @@ void canonicalize_rbf(v1::RbfMethod& rbf) {
   if (rbf.kernel() == v1::KERNEL_DEFAULT) rbf.set_kernel(v1::TRIHARMONIC);
   const KernelProperties kernel = properties(*kernel_from_proto(rbf.kernel()));
   if (!kernel.has_shape || rbf.shape() == 0) rbf.set_shape(0);  // ignored by the others: one value for all
+  const bool by_spacing = kernel.has_shape && std::isfinite(kernel.spacings) && rbf.shape() == 0;
+  rbf.set_automatic_shape(by_spacing && shape_rule(rbf) == ShapeRule::densest ? v1::SHAPE_OF_DENSEST
+                                                                              : v1::AUTOMATIC_SHAPE_DEFAULT);
   const bool incremental = rbf.solver() == v1::INCREMENTAL_QR;
   const bool may_iterate = rbf.solver() == v1::ITERATIVE || rbf.solver() == v1::SOLVER_AUTOMATIC;
   if (rbf.tolerance() == 0) rbf.set_tolerance(default_tolerance(incremental ? Solver::incremental_qr : Solver::iterative));

@@ -421,6 +421,8 @@ TEST(ConvertSetup, refusals_name_the_field) {
       {"method.rbf.polynomial_degree: 4294967295 is out of range",
        [](auto& s) { s.mutable_method()->mutable_rbf()->set_polynomial_degree(0xffffffffu); }},
       {"method.rbf.tolerance: nan is out of range", [](auto& s) { s.mutable_method()->mutable_rbf()->set_tolerance(nan); }},
+      {"method.rbf.automatic_shape: unknown value 3",
+       [](auto& s) { s.mutable_method()->mutable_rbf()->set_automatic_shape(static_cast<v1::AutomaticShape>(3)); }},
       {"method.rbf.reduction_rings: 101 is out of range 1..100",
        [](auto& s) { s.mutable_method()->mutable_rbf()->set_reduction_rings(101); }},
       {"method.rbf.reduction_tolerance: 0.2 is out of range",
@@ -473,6 +475,43 @@ TEST(ConvertSetup, messages_that_mean_the_same_have_the_same_id) {
   EXPECT_FALSE(same([](auto& s) { s.mutable_variables(0)->add_also()->set_handle("other"); }));
   EXPECT_FALSE(same([](auto& s) { s.mutable_handles(0)->set_name("other"); }));
   EXPECT_FALSE(same([](auto& s) { s.set_seed(1); }));
+}
+
+// What a store or a client holds from before the densest centres counted: the median, with the id of then.
+TEST(ConvertSetup, stored_automatic_shapes_stay_those_of_the_median_and_keep_their_id) {
+  for (const v1::Kernel kernel : {v1::GAUSSIAN, v1::MULTIQUADRIC, v1::INVERSE_MULTIQUADRIC}) {
+    v1::Setup given = sheet_setup(geometry);
+    given.mutable_method()->mutable_rbf()->set_kernel(kernel);
+    const auto rule = [](const v1::Setup& setup) { return std::get<RbfOptions>(setup_from_proto(setup, 10).method).shape_rule; };
+    const v1::Setup now = canonical_setup(given, geometry);
+    EXPECT_EQ(now.method().rbf().automatic_shape(), v1::SHAPE_OF_DENSEST);
+    EXPECT_EQ(rule(given), ShapeRule::densest);
+    EXPECT_EQ(rule(now), ShapeRule::densest);
+    EXPECT_EQ(system_id(canonical_setup(now, geometry)), system_id(now));
+    for (const bool rings : {false, true}) {
+      v1::Setup before = now;
+      auto& rbf = *before.mutable_method()->mutable_rbf();
+      rbf.clear_automatic_shape();
+      if (rings) {
+        rbf.set_reduction(v1::REDUCTION_OFF);
+        rbf.set_reduction_rings(3);
+        rbf.set_reduction_tolerance(0);
+      }
+      EXPECT_EQ(rule(before), ShapeRule::median);
+      const v1::Setup stored = canonical_setup(before, geometry);
+      EXPECT_EQ(stored.method().SerializeAsString(), before.method().SerializeAsString());
+      EXPECT_EQ(rule(stored), ShapeRule::median);
+      EXPECT_NE(system_id(stored), system_id(now));
+      v1::Setup named = given;
+      named.mutable_method()->mutable_rbf()->set_automatic_shape(v1::SHAPE_OF_MEDIAN);
+      if (rings) named.mutable_method()->mutable_rbf()->set_reduction(v1::REDUCTION_OFF);
+      EXPECT_EQ(rule(named), ShapeRule::median);
+      EXPECT_EQ(system_id(canonical_setup(named, geometry)), system_id(stored));
+      rbf.set_shape(0.1);
+      rbf.set_automatic_shape(v1::SHAPE_OF_DENSEST);
+      EXPECT_EQ(canonical_setup(before, geometry).method().rbf().automatic_shape(), v1::AUTOMATIC_SHAPE_DEFAULT) << "not used";
+    }
+  }
 }
 
 // What a store or a client holds from before there were tolerances: rings without a name, said as a number.

@@ -322,6 +322,12 @@ def canonical_rbf(rbf, flat):
     if rbf.kernel not in SHAPED:
         rbf.shape = 0
     instead_of_zero(rbf, "shape", 0)
+    stored = rbf.HasField("polynomial_degree") and (rbf.reduction_rings != 0 or rbf.reduction_tolerance != 0)
+    by_spacing = rbf.kernel in (setup_pb2.GAUSSIAN, setup_pb2.MULTIQUADRIC, setup_pb2.INVERSE_MULTIQUADRIC) and rbf.shape == 0
+    if not by_spacing or rbf.automatic_shape == setup_pb2.SHAPE_OF_MEDIAN:
+        rbf.automatic_shape = setup_pb2.AUTOMATIC_SHAPE_DEFAULT
+    elif not stored:
+        rbf.automatic_shape = setup_pb2.SHAPE_OF_DENSEST
     if not rbf.HasField("polynomial_degree"):
         rbf.polynomial_degree = 2 if rbf.kernel == setup_pb2.QUINTIC else 1
     incremental = rbf.solver == setup_pb2.INCREMENTAL_QR

@@ -30,9 +30,9 @@ unsigned odd_planes(const PartPlan& plan, const Symmetry& symmetry) {
   return odd ? 1u << plan.components.front() : 0u;
 }
 
-/// The typical distance to the nearest other place, over an evenly strided sample of the first `count` places: the median, but at
-/// most 1.25 times the first decile, since the densest centres set the condition.
-double typical_spacing(const std::vector<Vec3>& places, std::size_t count) {
+/// The distance to the nearest other place, over an evenly strided sample of the first `count` places: the median, and at
+/// most 1.25 times the first decile for the densest.
+double spacing(const std::vector<Vec3>& places, std::size_t count, ShapeRule rule) {
   constexpr std::size_t sample = 500;
   const std::size_t stride = count / sample + 1;
   std::vector<double> nearest;
@@ -44,7 +44,8 @@ double typical_spacing(const std::vector<Vec3>& places, std::size_t count) {
     nearest.push_back(least);
   }
   std::sort(nearest.begin(), nearest.end());
-  return std::min(nearest[nearest.size() / 2], 1.25 * nearest[nearest.size() / 10]);
+  const double median = nearest[nearest.size() / 2];
+  return rule == ShapeRule::median ? median : std::min(median, 1.25 * nearest[nearest.size() / 10]);
 }
 
 }  // namespace
@@ -213,7 +214,7 @@ InterpolationOptions RbfSystem::interpolation_options(const std::vector<Vec3>& p
   InterpolationOptions interpolation;
   interpolation.kernel = {*options_.kernel, options_.shape * size};
   if (options_.shape == 0) {
-    interpolation.kernel.shape = automatic_shape(*options_.kernel, typical_spacing(all, places.size()), size);
+    interpolation.kernel.shape = automatic_shape(*options_.kernel, spacing(all, places.size(), options_.shape_rule), size);
   }
   interpolation.polynomial_degree = degree(options_);
   relative_shape_ = interpolation.kernel.shape / size;

@@ -41,6 +41,9 @@ TEST(Vectors, HaveLengthsAndDistances) {
   EXPECT_EQ(squared_distance({1, 1, 1}, {3, 4, 7}), 49);
   EXPECT_DOUBLE_EQ(norm({3e200, 0, 4e200}), 5e200) << "whose square is infinite";
   EXPECT_DOUBLE_EQ(norm({3e-200, 0, 4e-200}), 5e-200) << "whose square is 0";
+  EXPECT_EQ(norm({0, 0, 0}), 0);
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  for (const Vec3& a : {Vec3{nan, 0, 0}, Vec3{0, nan, 0}, Vec3{0, 0, nan}, Vec3{1, nan, 2}}) EXPECT_TRUE(std::isnan(norm(a)));
 }
 
 TEST(Vectors, AreFiniteWhenAllCoordinatesAre) {
