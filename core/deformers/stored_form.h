@@ -15,11 +15,11 @@
 
 namespace deform {
 
-/// Whether systems of a setup can be stored: one method with a handle basis of its own, without constraints, and no model that is
-/// deformed with its images. A system may still have been prepared without a basis.
+/// Whether systems of a setup can be stored: those of one method with a handle basis, without constraints. A system may still
+/// have been prepared without a basis.
 bool can_be_stored(const Setup& setup);
 
-/// The system of a setup, as far as it can be stored; null if it cannot.
+/// The system of a setup, or of the whole model where that is deformed with its images, if it can be stored; else null.
 const HandleSystem* stored_source(const Setup& setup, const System& system);
 
 /// The system that was written (StoredBasis::write()), without its solution: see RestoredSystem. Throws the errors of validate()

@@ -3,6 +3,7 @@
 
 #include <spdlog/spdlog.h>
 
+#include <algorithm>
 #include <utility>
 
 #include "core/deformers/stored_form.h"
@@ -116,8 +117,11 @@ std::shared_ptr<ResidentSystem> StoredBases::restore(const OwnedId& id, std::sha
   try {
     reader = files.open(id);
     if (!reader) return nullptr;
-    const std::size_t points = resident->mesh->point_count();
-    resident->charge = memory_.charge(reader->size() + bytes_per_point * points + bytes_besides + resident->setup_bytes,
+    // What the system had beside factor and basis.
+    const v1::SystemInfo& info = resident->told;
+    const std::size_t rest = info.bytes() - std::min(info.bytes(), info.factor_bytes() + info.basis_bytes());
+    const std::size_t bytes = reader->size() + std::max(rest, bytes_per_point * resident->mesh->point_count()) + bytes_besides;
+    resident->charge = memory_.charge(bytes + resident->setup_bytes,
                                       {"restoring system " + id.id.substr(0, 16), "raise the server's memory budget", 0});
     FileSource source(*reader);
     StoredBasis stored = StoredBasis::read(source);

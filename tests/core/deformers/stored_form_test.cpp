@@ -8,6 +8,7 @@
 #include <random>
 
 #include "core/deformers/compiled_form.h"
+#include "core/deformers/mirrored_system.h"
 #include "core/deformers/space_map.h"
 #include "tests/core/deformers/basis_cases.h"
 #include "tests/core/deformers/mirrored.h"
@@ -180,6 +181,21 @@ TEST(StoredForm, OfHalfModelsIsTheSystem) {
     model.setup.method = options;
     const auto system = prepare(model.half, model.setup);
     const auto other = restored(model.half, model.setup, stored_bytes(model.setup, *system));
+    expect_same(*system, *other, some_designs(1));
+  }
+}
+
+TEST(StoredForm, OfModelsThatAreDeformedWithTheirImagesIsTheSystem) {
+  test::HalfModel model(2, test::oblique());
+  model.setup.variables = {{"grow", "corner", DesignVariable::Scale{test::oblique().origin, {}}, -0.5, 0.5}};
+  model.setup.method = MlsOptions{};
+  test::SectorModel wheel({5, 0.4});
+  wheel.setup.variables = {{"out", "blade", DesignVariable::Scale{{}, {}}, -0.5, 0.5}};
+  wheel.setup.method = MlsOptions{};
+  for (const auto& [mesh, setup] : {std::pair(model.half, model.setup), std::pair(wheel.sector, wheel.setup)}) {
+    ASSERT_TRUE(is_mirrored(setup));
+    const auto system = prepare(mesh, setup);
+    const auto other = restored(mesh, setup, stored_bytes(setup, *system));
     expect_same(*system, *other, some_designs(1));
   }
 }
