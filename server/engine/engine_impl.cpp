@@ -538,26 +538,37 @@ SystemCache::Prepare EngineImpl::prepare_again(const OwnedId& id, const Quota& q
   };
 }
 
+std::shared_ptr<ResidentSystem> EngineImpl::restored_system(const OwnedId& id, const RunContext& context) {
+  if (!bases_.contains(id)) return nullptr;
+  const auto record = store_->find_setup(id);
+  if (!record) return nullptr;
+  v1::Setup canonical;
+  auto resident = std::make_shared<ResidentSystem>();
+  if (!canonical.ParseFromString(record->setup) || !resident->told.ParseFromString(record->info)) return nullptr;
+  const Charge charge = memory_.charge(2 * setup_bytes(canonical), setup_purpose);  // of `canonical` and what is made of it
+  resident->setup = convert::setup_from_proto(canonical, options_.max_handles);
+  if (static_cast<std::size_t>(resident->told.handles_size()) != resident->setup.handles.size()) return nullptr;
+  resident->setup_bytes = 2 * setup_bytes(canonical);
+  resident->told.set_id(id.id);
+  resident->told.set_created_unix_ms(record->created_ms);
+  resident->info = resident->told;
+  *resident->info.mutable_setup() = std::move(canonical);
+  resident->mesh = mesh_of({id.tenant, record->geometry_id});
+  resident = bases_.restore(id, std::move(resident), context);
+  if (resident) require_stored(id);
+  return resident;
+}
+
 SystemCache::Restore EngineImpl::restore(const OwnedId& id) {
   return [this, id](const RunContext& context) -> std::shared_ptr<ResidentSystem> {
-    if (!bases_.contains(id)) return nullptr;
-    const auto record = store_->find_setup(id);
-    if (!record) return nullptr;
-    v1::Setup canonical;
-    auto resident = std::make_shared<ResidentSystem>();
-    if (!canonical.ParseFromString(record->setup) || !resident->told.ParseFromString(record->info)) return nullptr;
-    const Charge charge = memory_.charge(2 * setup_bytes(canonical), setup_purpose);  // of `canonical` and what is made of it
-    resident->setup = convert::setup_from_proto(canonical, options_.max_handles);
-    if (static_cast<std::size_t>(resident->told.handles_size()) != resident->setup.handles.size()) return nullptr;
-    resident->setup_bytes = 2 * setup_bytes(canonical);
-    resident->told.set_id(id.id);
-    resident->told.set_created_unix_ms(record->created_ms);
-    resident->info = resident->told;
-    *resident->info.mutable_setup() = std::move(canonical);
-    resident->mesh = mesh_of({id.tenant, record->geometry_id});
-    resident = bases_.restore(id, std::move(resident), context);
-    if (resident) require_stored(id);
-    return resident;
+    try {
+      return restored_system(id, context);
+    } catch (const Error& error) {
+      // What is damaged, gone or not allowed any more is for the preparation to say, or to heal.
+      const ErrorCode code = error.code();
+      if (code == ErrorCode::data_loss || code == ErrorCode::not_found || code == ErrorCode::invalid_argument) return nullptr;
+      throw;
+    }
   };
 }
 

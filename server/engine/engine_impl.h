@@ -93,7 +93,8 @@ class EngineImpl : public Engine {
   /// What takes long is planned first and then waits for its turn.
   SystemCache::Prepare preparation_of(RecipePtr recipe, Storing storing, const Quota& quota);
   SystemCache::Prepare prepare_again(const OwnedId& id, const Quota& quota);
-  /// Of what the store has of it; nothing where its setup is not stored.
+  /// Of what the store has of it; null where its setup or its basis is not stored.
+  std::shared_ptr<ResidentSystem> restored_system(const OwnedId& id, const RunContext& context);
   SystemCache::Restore restore(const OwnedId& id);
   enum class Needs { whole_system, basis };
   SystemCache::Source source_of(const OwnedId& id, Needs needs, const CallContext& call);

@@ -194,6 +194,26 @@ TEST_F(StoredBasesTest, a_basis_under_the_name_of_another_system_is_not_believed
   EXPECT_FALSE(deform(request_for(system, {{0.1, 0}})).summary.prepared_again());
 }
 
+TEST_F(StoredBasesTest, a_geometry_whose_file_is_lost_is_not_served_from_a_basis_until_it_is_registered_again) {
+  const std::string system = prepared();
+  const DeformedDesigns before = deform(designs(system));
+  close();
+  fs::remove(options.data_dir / "geometries" / id);
+  open();
+  for (int i = 0; i < 2; ++i) {
+    try {
+      deform(designs(system));
+      ADD_FAILURE();
+    } catch (const Error& error) {
+      EXPECT_EQ(error.code(), ErrorCode::data_loss) << error.what();
+    }
+  }
+  register_mesh(mesh);
+  const DeformedDesigns after = deform(designs(system));
+  EXPECT_FALSE(after.summary.prepared_again());
+  expect_same(before, after);
+}
+
 TEST_F(StoredBasesTest, it_goes_with_its_system_and_with_its_geometry) {
   const std::string system = prepared();
   ASSERT_TRUE(is_stored(system));
