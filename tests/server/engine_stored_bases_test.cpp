@@ -19,6 +19,7 @@ class StoredBasesTest : public EngineFixture {
  protected:
   StoredBasesTest() {
     spdlog::set_level(spdlog::level::off);
+    options.max_stored_bases = std::size_t{1} << 30;
     options.stored_from_seconds = 0;
   }
   ~StoredBasesTest() override { spdlog::set_level(spdlog::level::info); }

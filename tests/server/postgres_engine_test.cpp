@@ -131,7 +131,10 @@ TEST_F(SharedEngines, options_name_what_is_wrong) {
 /// With handle bases of all systems in the shared folder.
 class SharedBases : public SharedEngines {
  protected:
-  SharedBases() { options.stored_from_seconds = 0; }
+  SharedBases() {
+    options.max_stored_bases = std::size_t{1} << 30;
+    options.stored_from_seconds = 0;
+  }
   std::filesystem::path file_of(const std::string& system) const { return options.data_dir / "bases" / (system + ".basis"); }
 };
 
