@@ -130,6 +130,7 @@ void SystemCache::run(const std::shared_ptr<Flight>& flight) {
 }
 
 void SystemCache::prepare_instead(const std::shared_ptr<Flight>& flight) {
+  std::vector<std::pair<Asker, Handle>> answers;
   {
     const std::lock_guard lock(mutex_);
     if (flight->askers.empty()) return;  // all have left
@@ -138,15 +139,26 @@ void SystemCache::prepare_instead(const std::shared_ptr<Flight>& flight) {
     // Else its setup is gone: it flies on for those who asked before.
     if (current != flights_.end() && current->second == flight) {
       flights_.erase(current);
-      flight->key.second = Aim::prepares;
-      std::shared_ptr<Flight>& preparation = flights_[flight->key];
-      if (preparation) {
-        preparation->askers.merge(flight->askers);
-        flight->joined = preparation;
-        return;
+      const std::string& id = flight->key.first;
+      if (const auto found = entries_.find(id); found != entries_.end()) {  // a preparation has landed meanwhile
+        for (auto& [key, asker] : flight->askers) answers.emplace_back(std::move(asker), pin(id, found->second));
+        flight->askers.clear();
+      } else {
+        std::shared_ptr<Flight>& preparation = flights_[{id, Aim::prepares}];
+        if (preparation) {
+          preparation->askers.merge(flight->askers);
+          flight->joined = preparation;
+          return;
+        }
+        flight->key.second = Aim::prepares;
+        preparation = flight;
       }
-      preparation = flight;
     }
+  }
+  if (!answers.empty()) {
+    flight->source = {};
+    for (auto& [asker, handle] : answers) asker.on_done(std::move(handle), std::nullopt);
+    return;
   }
   schedule(flight, 0);
   // Who left before that has not found it among what is scheduled.
