@@ -145,6 +145,10 @@ void add_engine_options(std::vector<Option>& all) {
       "keep-free", "room that stays free on the disk of --data-dir: with less, geometries and setups can only be deleted",
       [](Configuration & c) -> auto& { return c.server.engine.keep_free; }));
   all.push_back(bytes(
+      "max-stored-bases",
+      "disk for handle bases of prepared systems, from which designs are served at once after a restart; 0: none are kept",
+      [](Configuration & c) -> auto& { return c.server.engine.max_stored_bases; }));
+  all.push_back(bytes(
       "memory-budget", "memory for systems and requests; 0: 80 % of what the machine or its cgroup has",
       [](Configuration & c) -> auto& { return c.server.engine.memory_budget; }));
   all.push_back(bytes(

@@ -242,13 +242,18 @@ void MirroredEvaluation::evaluate(std::size_t begin, std::size_t end, std::size_
 
 MirroredSystem::MirroredSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, const RunContext& context,
                                std::size_t memory_budget)
+    : MirroredSystem(std::move(mesh), setup, [&](std::shared_ptr<const Mesh> whole, const Setup& whole_setup) {
+        return prepare(std::move(whole), whole_setup, context, memory_budget);
+      }) {}
+
+MirroredSystem::MirroredSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, const MakeWhole& make)
     : mesh_(std::move(mesh)),
       setup_(setup),
       regions_(validate(setup_, *mesh_)),
       mirrored_(*mesh_, regions_.symmetry),
       constraints_(setup_, *mesh_, regions_, mirrored_) {
   const Setup whole = whole_setup(setup_, *mesh_, regions_, mirrored_, constraints_);
-  whole_ = about_images(mesh_->point_count(), [&] { return prepare(mirrored_.mesh(), whole, context, memory_budget); });
+  whole_ = about_images(mesh_->point_count(), [&] { return make(mirrored_.mesh(), whole); });
   fill_info();
 }
 

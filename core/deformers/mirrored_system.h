@@ -25,6 +25,11 @@ class MirroredSystem : public System {
  public:
   /// Throws what prepare() throws for the whole model; ids in messages beyond the points of the half model are those of images.
   MirroredSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, const RunContext& context, std::size_t memory_budget);
+  /// Where the system of the whole model comes from.
+  using MakeWhole = std::function<std::shared_ptr<const System>(std::shared_ptr<const Mesh> mesh, const Setup& setup)>;
+  MirroredSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, const MakeWhole& make);
+
+  const System& whole() const { return *whole_; }  ///< the system of the whole model
 
   const SystemInfo& info() const override { return info_; }
   std::unique_ptr<const Evaluation> bind(std::span<const Design> designs, EvaluationPath path,

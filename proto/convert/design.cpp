@@ -159,13 +159,19 @@ Design design_from_proto(const v1::DeformRequest& request, std::size_t design, c
   return convert(request, static_cast<int>(design), info, handle_index(info));
 }
 
-std::size_t bind_bytes(const v1::DeformRequest& request, const v1::SystemInfo& info) {
-  // Of several methods one may take the direct path, as the handles turn, with displacements of its own handles' points.
-  const bool several = info.setup().then_size() > 0;
-  bool direct = several || info.basis_fields() == 0 || request.path() == v1::PATH_DIRECT || request.solver_tolerance() != 0;
+bool needs_solution(const v1::DeformRequest& request) {
+  if (request.path() == v1::PATH_BASIS) return false;  // or refuse it
+  bool direct = request.path() == v1::PATH_DIRECT || request.solver_tolerance() != 0;
   for (const auto& design : request.designs()) {
     for (const auto& motion : design.motions()) direct = direct || motion.displacements_size() > 0;
   }
+  return direct;
+}
+
+std::size_t bind_bytes(const v1::DeformRequest& request, const v1::SystemInfo& info) {
+  // Of several methods one may take the direct path, as the handles turn, with displacements of its own handles' points.
+  const bool several = info.setup().then_size() > 0;
+  const bool direct = several || info.basis_fields() == 0 || needs_solution(request);
   const std::size_t designs = static_cast<std::size_t>(request.designs_size());
   const std::size_t affine_coefficients = 12 * static_cast<std::size_t>(info.handles_size()) * sizeof(double);
   // The direct path holds right-hand sides and weights, three columns each, and prescribed positions of the constraint points.

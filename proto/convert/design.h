@@ -22,6 +22,9 @@ std::vector<Design> designs_from_proto(const v1::DeformRequest& request, const v
 /// One design of the request.
 Design design_from_proto(const v1::DeformRequest& request, std::size_t design, const v1::SystemInfo& info);
 
+/// Whether a design of the request may take the direct path although the system has a handle basis.
+bool needs_solution(const v1::DeformRequest& request);
+
 /// An upper bound of the memory of the designs and of binding them, in bytes, for admission control.
 std::size_t bind_bytes(const v1::DeformRequest& request, const v1::SystemInfo& info);
 

@@ -20,7 +20,7 @@ constexpr std::size_t slice_points = 4096;
 }  // namespace
 
 DeformCall::DeformCall(const DeformParts& parts, DeformTask task, CallContext context, std::function<void()> on_ready)
-    : QueuedCall(parts, task.system_id, task.prepare, task.designs, std::move(context), std::move(on_ready)),
+    : QueuedCall(parts, task.system_id, task.source, task.designs, std::move(context), std::move(on_ready)),
       parts_(parts),
       task_(std::move(task)) {}
 

@@ -40,7 +40,7 @@ struct DeformTask {
   std::size_t designs = 1;
   v1::Output output;
   Values values = Values::positions;
-  SystemCache::Prepare prepare;  ///< of the system, should it not be resident
+  SystemCache::Source source;  ///< of the system, should it not be resident
   /// Bytes that `bind` and its result need.
   std::function<std::size_t(const ResidentSystem&)> bind_bytes;
   std::function<BoundDesigns(const ResidentSystem&, const RunContext&)> bind;

@@ -55,6 +55,7 @@ Scheduler::Options scheduler_options(const EngineOptions& options) {
 StoreOptions store_options(const EngineOptions& options) {
   StoreOptions result;
   result.disk.keep_free = options.keep_free;
+  result.most_bases = options.max_stored_bases;
   return result;
 }
 
@@ -178,6 +179,7 @@ EngineImpl::EngineImpl(const EngineOptions& options)
       memory_(options_.memory_budget),
       selections_(options_.memory_budget / 4),
       store_(open_store(options_)),
+      bases_(*store_, memory_),
       meshes_(options_.memory_budget / 8, [this](const std::string& key) { return load_mesh(*owned_id(key)); }),
       scheduler_(scheduler_options(options_)),
       cache_(std::make_shared<SystemCache>(
@@ -387,6 +389,9 @@ std::shared_ptr<ResidentSystem> EngineImpl::make_system(const Recipe& recipe, co
   }
   resident->info.set_created_unix_ms(created_ms);
   resident->told.set_created_unix_ms(created_ms);
+  double seconds = 0;
+  for (const auto& stage : resident->system->info().stage_seconds) seconds += stage.second;
+  if (seconds >= options_.stored_from_seconds) bases_.keep(recipe.id, resident, quota);
   return resident;
 }
 
@@ -412,7 +417,7 @@ void EngineImpl::prepare(const v1::PrepareRequest& request, const CallContext& c
   }
   OutcomeCall<v1::SystemInfo>::Task task;
   task.system_id = recipe->id.id;
-  task.prepare = preparation_of(recipe, Storing::store, call.quota);
+  task.source = {preparation_of(recipe, Storing::store, call.quota), restore(recipe->id)};
   task.brings_setup = true;
   if (on_progress) {
     task.on_progress = [on_progress](const std::string& stage, double fraction) {
@@ -517,8 +522,8 @@ OwnedId EngineImpl::resolve_system(const std::string& tenant, const std::string&
   return is_full_id(id) && cache_->contains(key_of(owned)) ? owned : store_->resolve_setup(tenant, id);
 }
 
-SystemCache::Prepare EngineImpl::prepare_again(const OwnedId& id) {
-  return [this, id](const RunContext& context) -> SystemCache::Prepared {
+SystemCache::Prepare EngineImpl::prepare_again(const OwnedId& id, const Quota& quota) {
+  return [this, id, quota](const RunContext& context) -> SystemCache::Prepared {
     const auto record = store_->find_setup(id);
     if (!record) throw Error(ErrorCode::not_found, "system " + id.id + ": unknown id");
     auto recipe = std::make_shared<Recipe>();
@@ -528,12 +533,51 @@ SystemCache::Prepare EngineImpl::prepare_again(const OwnedId& id) {
       throw Error(ErrorCode::data_loss, "catalog: the setup of system " + id.id + " is damaged");
     }
     recipe->charge = memory_.charge(2 * setup_bytes(recipe->canonical), setup_purpose);
-    return preparation_of(recipe, Storing::stored_already, {})(context);
+    return preparation_of(recipe, Storing::stored_already, quota)(context);
   };
 }
 
-std::shared_ptr<DeformJob> EngineImpl::begin_job(DeformTask task, const CallContext& call, std::function<void()> on_ready) {
-  task.prepare = prepare_again({call.tenant, task.system_id});
+std::shared_ptr<ResidentSystem> EngineImpl::restored_system(const OwnedId& id, const RunContext& context) {
+  if (!bases_.contains(id)) return nullptr;
+  const auto record = store_->find_setup(id);
+  if (!record) return nullptr;
+  v1::Setup canonical;
+  auto resident = std::make_shared<ResidentSystem>();
+  if (!canonical.ParseFromString(record->setup) || !resident->told.ParseFromString(record->info)) return nullptr;
+  const Charge charge = memory_.charge(2 * setup_bytes(canonical), setup_purpose);  // of `canonical` and what is made of it
+  resident->setup = convert::setup_from_proto(canonical, options_.max_handles);
+  if (static_cast<std::size_t>(resident->told.handles_size()) != resident->setup.handles.size()) return nullptr;
+  resident->setup_bytes = 2 * setup_bytes(canonical);
+  resident->told.set_id(id.id);
+  resident->told.set_created_unix_ms(record->created_ms);
+  resident->info = resident->told;
+  *resident->info.mutable_setup() = std::move(canonical);
+  resident->mesh = mesh_of({id.tenant, record->geometry_id});
+  resident = bases_.restore(id, std::move(resident), context);
+  if (resident) require_stored(id);
+  return resident;
+}
+
+SystemCache::Restore EngineImpl::restore(const OwnedId& id) {
+  return [this, id](const RunContext& context) -> std::shared_ptr<ResidentSystem> {
+    try {
+      return restored_system(id, context);
+    } catch (const Error& error) {
+      // What is damaged, gone or not allowed any more is for the preparation to say, or to heal.
+      const ErrorCode code = error.code();
+      if (code == ErrorCode::data_loss || code == ErrorCode::not_found || code == ErrorCode::invalid_argument) return nullptr;
+      throw;
+    }
+  };
+}
+
+SystemCache::Source EngineImpl::source_of(const OwnedId& id, Needs needs, const CallContext& call) {
+  return {prepare_again(id, call.quota), needs == Needs::basis ? restore(id) : SystemCache::Restore()};
+}
+
+std::shared_ptr<DeformJob> EngineImpl::begin_job(DeformTask task, Needs needs, const CallContext& call,
+                                                 std::function<void()> on_ready) {
+  task.source = source_of({call.tenant, task.system_id}, needs, call);
   DeformParts parts;
   parts.scheduler = &scheduler_;
   parts.cache = cache_.get();
@@ -587,7 +631,8 @@ std::shared_ptr<DeformJob> EngineImpl::deform(v1::DeformRequest request, std::ui
     };
     return DesignChecker::make(system, checks, designs, memory_, context);
   };
-  return begin_job(std::move(task), call, std::move(on_ready));
+  const Needs needs = convert::needs_solution(*shared) ? Needs::whole_system : Needs::basis;
+  return begin_job(std::move(task), needs, call, std::move(on_ready));
 }
 
 std::shared_ptr<EvaluateJob> EngineImpl::evaluate(v1::EvaluateHeader header, const CallContext& call,
@@ -603,7 +648,7 @@ std::shared_ptr<EvaluateJob> EngineImpl::evaluate(v1::EvaluateHeader header, con
   EvaluateTask task;
   task.system_id = resolve_system(call.tenant, header.system_id()).id;
   task.output = header.output();
-  task.prepare = prepare_again({call.tenant, task.system_id});
+  task.source = source_of({call.tenant, task.system_id}, Needs::whole_system, call);
   task.bind_bytes = [request](const ResidentSystem& system) {
     return convert::bind_bytes(*request, system.info) + system.system->info().design_bytes;
   };
@@ -631,7 +676,7 @@ std::shared_ptr<DeformJob> EngineImpl::jacobian_vector(v1::JacobianVectorRequest
     const auto direction = values(request.direction(), system.setup, "direction");
     return BoundDesigns(std::make_unique<const FieldEvaluation>(system.system->jacobian_vector(variables, direction, context)));
   };
-  return begin_job(std::move(task), call, std::move(on_ready));
+  return begin_job(std::move(task), Needs::basis, call, std::move(on_ready));
 }
 
 void EngineImpl::vector_jacobian(const v1::VectorJacobianHeader& header, Points cotangents, const CallContext& call,
@@ -650,7 +695,7 @@ void EngineImpl::vector_jacobian(const v1::VectorJacobianHeader& header, Points 
   }
   OutcomeCall<Reply>::Task task;
   task.system_id = resolve_system(call.tenant, header.system_id()).id;
-  task.prepare = prepare_again({call.tenant, task.system_id});
+  task.source = source_of({call.tenant, task.system_id}, Needs::basis, call);
   // As they came, one by one, at the following points, and as the columns of sums.
   const std::size_t bytes = (count == 1 ? 2 : 4) * cotangents.size() * sizeof(Vec3);
   const auto charge = std::make_shared<Charge>(
@@ -694,7 +739,7 @@ void EngineImpl::get_basis(const v1::GetBasisRequest& request, const CallContext
   check_open();
   BasisCall::Task task;
   task.system_id = resolve_system(call.tenant, request.system_id()).id;
-  task.prepare = prepare_again({call.tenant, task.system_id});
+  task.source = source_of({call.tenant, task.system_id}, Needs::basis, call);
   task.compute = [this, tenant = call.tenant](const SystemCache::Handle& system,
                                               const RunContext&) -> std::shared_ptr<BasisRecords> {
     Charge charge = memory_.charge(
@@ -820,7 +865,9 @@ StoreReport EngineImpl::backup_store(const std::filesystem::path& to) {
 
 bool EngineImpl::drain(std::chrono::milliseconds limit) {
   calls_.close();
-  const bool finished = calls_.wait_until_empty(RunContext::Clock::now() + limit);
+  const auto end = RunContext::Clock::now() + limit;
+  const bool finished = calls_.wait_until_empty(end);
+  bases_.wait_until_written(end);
   if (!finished) {
     calls_.fail_all(Error(ErrorCode::unavailable, "the server is shutting down"));
     calls_.wait_until_empty(RunContext::Clock::now() + std::chrono::hours(1));

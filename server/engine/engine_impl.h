@@ -12,6 +12,7 @@
 #include "server/engine/memory.h"
 #include "server/engine/mesh_cache.h"
 #include "server/engine/scheduler.h"
+#include "server/engine/stored_bases.h"
 #include "server/engine/system_cache.h"
 #include "server/store/store.h"
 
@@ -91,14 +92,19 @@ class EngineImpl : public Engine {
                                               const RunContext& context);
   /// What takes long is planned first and then waits for its turn.
   SystemCache::Prepare preparation_of(RecipePtr recipe, Storing storing, const Quota& quota);
-  SystemCache::Prepare prepare_again(const OwnedId& id);
+  SystemCache::Prepare prepare_again(const OwnedId& id, const Quota& quota);
+  /// Of what the store has of it; null where its setup or its basis is not stored.
+  std::shared_ptr<ResidentSystem> restored_system(const OwnedId& id, const RunContext& context);
+  SystemCache::Restore restore(const OwnedId& id);
+  enum class Needs { whole_system, basis };
+  SystemCache::Source source_of(const OwnedId& id, Needs needs, const CallContext& call);
   OwnedId resolve_system(const std::string& tenant, const std::string& id);
   RowsGone forget_in(SystemCache::Forgotten& forgotten);
   std::shared_ptr<const Mesh> mesh_of(const OwnedId& geometry) { return meshes_.get(key_of(geometry)); }
   std::shared_ptr<const Mesh> load_mesh(const OwnedId& id);
   SetupRecord stored_setup(const std::string& id, const CallContext& call);
   v1::SystemInfo stored_info(const SetupRecord& record);
-  std::shared_ptr<DeformJob> begin_job(DeformTask task, const CallContext& call, std::function<void()> on_ready);
+  std::shared_ptr<DeformJob> begin_job(DeformTask task, Needs needs, const CallContext& call, std::function<void()> on_ready);
   void check_open() const;
   void require_stored(const OwnedId& id);
   Catalog::Counts counts();
@@ -110,6 +116,7 @@ class EngineImpl : public Engine {
   const std::unique_ptr<Store> store_;
   std::mutex counts_mutex_;
   Catalog::Counts counts_;  // under counts_mutex_: the last ones that could be read
+  StoredBases bases_;
   MeshCache meshes_;
   Scheduler scheduler_;
   CallRegistry calls_;

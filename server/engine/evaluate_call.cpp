@@ -60,7 +60,7 @@ std::vector<Vec3> decoded(v1::Block& message, std::size_t number, std::uint64_t 
 }  // namespace
 
 EvaluateCall::EvaluateCall(EvaluateParts parts, EvaluateTask task, CallContext context, std::function<void()> on_ready)
-    : QueuedCall(parts, task.system_id, task.prepare, 1, std::move(context), std::move(on_ready)),
+    : QueuedCall(parts, task.system_id, task.source, 1, std::move(context), std::move(on_ready)),
       parts_(std::move(parts)),
       task_(std::move(task)) {}
 

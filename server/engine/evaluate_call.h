@@ -31,7 +31,7 @@ struct EvaluateParts : QueueParts {
 struct EvaluateTask {
   std::string system_id;
   v1::Output output;
-  SystemCache::Prepare prepare;  ///< of the system, should it not be resident
+  SystemCache::Source source;  ///< of the system, should it not be resident
   /// Bytes that binding the design needs.
   std::function<std::size_t(const ResidentSystem&)> bind_bytes;
   std::function<std::unique_ptr<const SpaceMap>(const ResidentSystem&, const RunContext&)> bind;

@@ -25,8 +25,9 @@ class OutcomeCall : public Call {
   };
   struct Task {
     std::string system_id;  ///< empty: none is needed, and compute() gets none
-    SystemCache::Prepare prepare;
-    bool brings_setup = false;  ///< prepare() does not read it from the store, so that one which is gone is no reason to fail
+    SystemCache::Source source;
+    bool brings_setup =
+        false;  ///< source.prepare() does not read it from the store, so that one which is gone is no reason to fail
     std::function<void(const std::string& stage, double fraction)> on_progress;  ///< may be empty
     std::function<T(const SystemCache::Handle&, const RunContext&)> compute;
     std::function<void(Engine::Outcome<T>)> on_done;
@@ -63,7 +64,7 @@ class OutcomeCall : public Call {
     asker.on_done = [call = self()](SystemCache::Handle system, const std::optional<Error>& error) {
       call->on_system(std::move(system), error);
     };
-    auto [system, ticket] = parts_.cache->acquire(key_of({context().tenant, task_.system_id}), task_.prepare, std::move(asker));
+    auto [system, ticket] = parts_.cache->acquire(key_of({context().tenant, task_.system_id}), task_.source, std::move(asker));
     if (system) return enqueue(std::move(system));
     const std::lock_guard lock(mutex_);
     if (!ended_) ticket_ = std::move(ticket);  // otherwise it leaves here

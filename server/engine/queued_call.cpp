@@ -7,9 +7,9 @@
 namespace deform::server {
 
 template <typename Reply>
-QueuedCall<Reply>::QueuedCall(const QueueParts& parts, const std::string& system_id, SystemCache::Prepare prepare,
+QueuedCall<Reply>::QueuedCall(const QueueParts& parts, const std::string& system_id, SystemCache::Source source,
                               std::size_t designs, CallContext context, std::function<void()> on_ready)
-    : Call(std::move(context)), queue_(parts), prepare_(std::move(prepare)), on_ready_(std::move(on_ready)) {
+    : Call(std::move(context)), queue_(parts), source_(std::move(source)), on_ready_(std::move(on_ready)) {
   stats_.system_id = system_id;
   stats_.designs = designs;
 }
@@ -32,7 +32,7 @@ void QueuedCall<Reply>::begin() {
   asker.on_done = [call = self()](SystemCache::Handle system, const std::optional<Error>& error) {
     call->on_system(std::move(system), error);
   };
-  auto [system, ticket] = queue_.cache->acquire(key_of({context().tenant, stats_.system_id}), prepare_, std::move(asker));
+  auto [system, ticket] = queue_.cache->acquire(key_of({context().tenant, stats_.system_id}), source_, std::move(asker));
   if (system) return enqueue(std::move(system));
   const std::lock_guard lock(mutex_);
   if (!ended_) ticket_ = std::move(ticket);  // otherwise it leaves here
@@ -43,7 +43,7 @@ void QueuedCall<Reply>::on_system(SystemCache::Handle system, const std::optiona
   if (error) return fail(*error);
   {
     const std::lock_guard lock(mutex_);
-    prepared_again_ = true;
+    prepared_again_ = system->extent == ResidentSystem::Extent::whole;
     stats_.prepare_ms = elapsed_ms(accepted_);
   }
   enqueue(std::move(system));

@@ -57,8 +57,8 @@ class QueuedCall : public Call {
     bool due_ = false;
   };
 
-  /// `prepare`: of the system, should it not be resident. `designs`: for the statistics.
-  QueuedCall(const QueueParts& parts, const std::string& system_id, SystemCache::Prepare prepare, std::size_t designs,
+  /// `source`: of the system, should it not be resident. `designs`: for the statistics.
+  QueuedCall(const QueueParts& parts, const std::string& system_id, SystemCache::Source source, std::size_t designs,
              CallContext context, std::function<void()> on_ready);
 
   /// Does the work; what goes wrong ends the call. False when it did.
@@ -108,7 +108,7 @@ class QueuedCall : public Call {
   std::shared_ptr<QueuedCall> self() { return std::static_pointer_cast<QueuedCall>(shared_from_this()); }
 
   const QueueParts queue_;
-  const SystemCache::Prepare prepare_;
+  const SystemCache::Source source_;
   const std::function<void()> on_ready_;
 
   // guarded by mutex_

@@ -59,21 +59,23 @@ std::vector<std::string> SystemCache::ids() const {
   return ids;
 }
 
-std::pair<SystemCache::Handle, SystemCache::Ticket> SystemCache::acquire(const std::string& id, const Prepare& prepare,
+std::pair<SystemCache::Handle, SystemCache::Ticket> SystemCache::acquire(const std::string& id, const Source& source,
                                                                          Asker asker) {
   std::unique_lock lock(mutex_);
-  if (const auto found = entries_.find(id); found != entries_.end()) {
+  if (const auto found = entries_.find(id);
+      found != entries_.end() && (source.restore || found->second.resident->extent == ResidentSystem::Extent::whole)) {
     ++counters_.hits;
     return {pin(id, found->second), Ticket()};
   }
   ++counters_.misses;
-  std::shared_ptr<Flight>& flight = flights_[id];
+  const FlightKey key{id, source.restore ? Aim::restores : Aim::prepares};
+  std::shared_ptr<Flight>& flight = flights_[key];
   const bool begin = flight == nullptr;
   if (begin) {
     flight = std::make_shared<Flight>();
-    flight->id = id;
+    flight->key = key;
     flight->client = asker.client;
-    flight->prepare = prepare;
+    flight->source = source;
   }
   Ticket ticket;
   ticket.cache_ = weak_from_this();
@@ -97,10 +99,20 @@ void SystemCache::run(const std::shared_ptr<Flight>& flight) {
     context.stop = flight->stop.get_token();
     context.on_progress = [this, flight](const std::string& stage, double fraction) { report(flight, stage, fraction); };
     context.check();
-    Prepared prepared = flight->prepare(context);
+    if (flight->source.restore) {
+      auto restored = flight->source.restore(context);
+      if (restored) {
+        guard.succeed(std::move(restored));
+      } else {
+        guard.dismiss();
+        prepare_instead(flight);
+      }
+      return;
+    }
+    Prepared prepared = flight->source.prepare(context);
     if (auto* const rest = std::get_if<Long>(&prepared)) {
       context.progress("queue", 0);
-      flight->prepare = [make = std::move(rest->rest)](const RunContext& later) { return make(later); };
+      flight->source.prepare = [make = std::move(rest->rest)](const RunContext& later) { return make(later); };
       schedule(flight, rest->seconds);
       guard.dismiss();
       // Who left before that has not found it among what is scheduled.
@@ -117,30 +129,85 @@ void SystemCache::run(const std::shared_ptr<Flight>& flight) {
   }
 }
 
+void SystemCache::prepare_instead(const std::shared_ptr<Flight>& flight) {
+  std::vector<std::pair<Asker, Handle>> answers;
+  {
+    const std::lock_guard lock(mutex_);
+    if (flight->askers.empty()) return;  // all have left
+    flight->source.restore = nullptr;
+    const auto current = flights_.find(flight->key);
+    // Else its setup is gone: it flies on for those who asked before.
+    if (current != flights_.end() && current->second == flight) {
+      flights_.erase(current);
+      const std::string& id = flight->key.first;
+      if (const auto found = entries_.find(id); found != entries_.end()) {  // a preparation has landed meanwhile
+        for (auto& [key, asker] : flight->askers) answers.emplace_back(std::move(asker), pin(id, found->second));
+        flight->askers.clear();
+      } else {
+        std::shared_ptr<Flight>& preparation = flights_[{id, Aim::prepares}];
+        if (preparation) {
+          preparation->askers.merge(flight->askers);
+          flight->joined = preparation;
+          return;
+        }
+        flight->key.second = Aim::prepares;
+        preparation = flight;
+      }
+    }
+  }
+  if (!answers.empty()) {
+    flight->source = {};
+    for (auto& [asker, handle] : answers) asker.on_done(std::move(handle), std::nullopt);
+    return;
+  }
+  schedule(flight, 0);
+  // Who left before that has not found it among what is scheduled.
+  if (flight->stop.stop_requested()) unschedule_(flight.get());
+}
+
+/// What is there of that id gives way, unless it is whole and the new one is not.
+SystemCache::Entry& SystemCache::enter(const std::string& id, std::shared_ptr<ResidentSystem> resident, Doomed& doomed) {
+  const auto [found, is_new] = entries_.try_emplace(id);
+  Entry& entry = found->second;
+  if (!is_new) {
+    const bool is_less = resident->extent == ResidentSystem::Extent::basis;
+    if (is_less) {
+      doomed.push_back(std::move(resident));
+      return entry;
+    }
+    bytes_ -= entry.resident->bytes();
+    if (entry.pins == 0) idle_.erase(entry.idle);
+    doomed.push_back(std::move(entry.resident));
+  }
+  entry.resident = std::move(resident);
+  entry.pins = 0;
+  entry.idle = idle_.insert(idle_.end(), id);
+  bytes_ += entry.resident->bytes();
+  return entry;
+}
+
 void SystemCache::land(const std::shared_ptr<Flight>& flight, std::shared_ptr<ResidentSystem> resident,
                        const std::optional<Error>& error) {
   Doomed doomed;
   std::vector<std::pair<Asker, Handle>> answers;
   {
     const std::lock_guard lock(mutex_);
-    const auto current = flights_.find(flight->id);
+    const auto current = flights_.find(flight->key);
     // Else all askers have left, or its setup is gone.
     const bool wanted = current != flights_.end() && current->second == flight;
     if (wanted) flights_.erase(current);
     if (wanted && !error) {
-      Entry& entry = entries_[flight->id];
-      entry.resident = resident;
-      entry.pins = 0;
-      entry.idle = idle_.insert(idle_.end(), flight->id);
-      bytes_ += resident->bytes();
-      for (auto& [key, asker] : flight->askers) answers.emplace_back(std::move(asker), pin(flight->id, entry));
+      const std::string& id = flight->key.first;
+      if (resident->extent == ResidentSystem::Extent::basis) ++counters_.restored;
+      Entry& entry = enter(id, std::move(resident), doomed);
+      for (auto& [key, asker] : flight->askers) answers.emplace_back(std::move(asker), pin(id, entry));
       evict_down_to(budget_, doomed);
     } else {
       for (auto& [key, asker] : flight->askers) answers.emplace_back(std::move(asker), error ? nullptr : resident);
     }
     flight->askers.clear();
   }
-  flight->prepare = nullptr;
+  flight->source = {};
   for (auto& [asker, handle] : answers) asker.on_done(std::move(handle), error);
 }
 
@@ -160,17 +227,19 @@ void SystemCache::report(const std::shared_ptr<Flight>& flight, const std::strin
   for (const auto& listener : listeners) listener(stage, fraction);
 }
 
-void SystemCache::leave(const std::shared_ptr<Flight>& flight, std::uint64_t asker) {
+void SystemCache::leave(const std::shared_ptr<Flight>& asked, std::uint64_t asker) {
   Asker gone;
+  std::shared_ptr<Flight> flight = asked;
   {
     const std::lock_guard lock(mutex_);
+    while (flight->joined) flight = flight->joined;
     const auto found = flight->askers.find(asker);
     if (found == flight->askers.end()) return;  // it has landed
     gone = std::move(found->second);
     flight->askers.erase(found);
     if (!flight->askers.empty()) return;
     // Nobody wants it any more. Out of the map at once, so that the next asker begins a new flight.
-    const auto current = flights_.find(flight->id);
+    const auto current = flights_.find(flight->key);
     if (current != flights_.end() && current->second == flight) flights_.erase(current);
   }
   flight->stop.request_stop();
@@ -194,7 +263,8 @@ SystemCache::Forgotten SystemCache::forget(const std::vector<std::string>& ids) 
   Forgotten forgotten;
   const std::lock_guard lock(mutex_);
   for (const auto& id : ids) {
-    flights_.erase(id);
+    flights_.erase({id, Aim::prepares});
+    flights_.erase({id, Aim::restores});
     const auto found = entries_.find(id);
     if (found == entries_.end()) continue;
     const std::size_t bytes = found->second.resident->bytes();

@@ -32,6 +32,9 @@ struct ResidentSystem {
     std::size_t bytes = 0;
     ~MemoryReturn() { return_freed_memory(bytes); }
   } memory_return;
+  /// What its system can do: everything, or what its handle basis is enough for (core/deformers/stored_form.h).
+  enum class Extent { whole, basis };
+  Extent extent = Extent::whole;
   std::shared_ptr<const System> system;
   std::shared_ptr<const Mesh> mesh;
   Setup setup;
@@ -66,6 +69,9 @@ struct ResidentSystem {
 /// - One preparation per id: later askers join it, all hear its progress and its outcome, a failure is never cached. An asker
 ///   that leaves leaves alone; when the last one has left, the preparation is cancelled. It is scheduled as work of the client
 ///   who asked first.
+/// - Who needs no more than a handle basis says how to restore one, which takes no time to speak of. There is a flight of its own
+///   for that; where there is nothing to restore it becomes the preparation, or joins the one that is under way. A whole system
+///   replaces a restored one of its id.
 ///
 /// Thread-safe. No lock is held while preparing or calling back. Must be held by shared_ptr.
 class SystemCache : public std::enable_shared_from_this<SystemCache> {
@@ -79,9 +85,20 @@ class SystemCache : public std::enable_shared_from_this<SystemCache> {
   using Prepared = std::variant<std::shared_ptr<ResidentSystem>, Long>;
   /// Makes the system, or finds out how long that takes; runs once per flight, throws Error.
   using Prepare = std::function<Prepared(const RunContext&)>;
+  /// Makes a system of Extent::basis of what is stored; null when there is nothing. Throws Error for what would keep a
+  /// preparation from succeeding, too.
+  using Restore = std::function<std::shared_ptr<ResidentSystem>(const RunContext&)>;
   /// Runs work of a client later on a thread of its own kind; `owner` names it to Unschedule.
   using Schedule = std::function<void(const std::string& client, const void* owner, double seconds, std::function<void()> work)>;
   using Unschedule = std::function<void(const void* owner)>;
+
+  /// Where a system comes from that is not there.
+  struct Source {
+    Source() = default;
+    Source(Prepare preparing, Restore restoring = {}) : prepare(std::move(preparing)), restore(std::move(restoring)) {}
+    Prepare prepare;
+    Restore restore;  ///< empty for who needs a whole system
+  };
 
   struct Asker {
     std::string client;
@@ -120,7 +137,7 @@ class SystemCache : public std::enable_shared_from_this<SystemCache> {
 
   /// The entry if it is there (the ticket stays empty, nothing is called back), otherwise joins or begins a flight. Callbacks
   /// come from other threads, never from inside this call.
-  std::pair<Handle, Ticket> acquire(const std::string& id, const Prepare& prepare, Asker asker);
+  std::pair<Handle, Ticket> acquire(const std::string& id, const Source& source, Asker asker);
 
   /// Takes an entry out: new requests do not find it; those that use it finish. Returns the bytes that will be given back.
   std::size_t release(const std::string& id);
@@ -151,6 +168,7 @@ class SystemCache : public std::enable_shared_from_this<SystemCache> {
   struct Stats {
     std::size_t systems = 0, bytes = 0;
     std::uint64_t hits = 0, misses = 0, evictions = 0;
+    std::uint64_t restored = 0;  ///< of the misses' flights, those that found a basis
   };
   Stats stats() const;
 
@@ -160,11 +178,15 @@ class SystemCache : public std::enable_shared_from_this<SystemCache> {
     std::size_t pins = 0;
     std::list<std::string>::iterator idle;  // valid when pins == 0
   };
+  enum class Aim { prepares, restores };
+  using FlightKey = std::pair<std::string, Aim>;
   struct Flight {
-    std::string id, client;
-    Prepare prepare;
+    FlightKey key;
+    std::string client;
+    Source source;  // without `restore` once there was nothing to restore
     std::stop_source stop;
     std::map<std::uint64_t, Asker> askers;  // guarded by the cache's mutex
+    std::shared_ptr<Flight> joined;         // likewise: where its askers are now
     RunContext::Clock::time_point last_progress{};
     std::string last_stage;
   };
@@ -172,9 +194,11 @@ class SystemCache : public std::enable_shared_from_this<SystemCache> {
 
   void schedule(const std::shared_ptr<Flight>& flight, double seconds);
   void run(const std::shared_ptr<Flight>& flight);
+  void prepare_instead(const std::shared_ptr<Flight>& flight);
   void land(const std::shared_ptr<Flight>& flight, std::shared_ptr<ResidentSystem> resident, const std::optional<Error>& error);
   void report(const std::shared_ptr<Flight>& flight, const std::string& stage, double fraction);
-  void leave(const std::shared_ptr<Flight>& flight, std::uint64_t asker);
+  void leave(const std::shared_ptr<Flight>& asked, std::uint64_t asker);
+  Entry& enter(const std::string& id, std::shared_ptr<ResidentSystem> resident, Doomed& doomed);
   Handle pin(const std::string& id, Entry& entry);
   void unpin(const std::string& id, const ResidentSystem* resident);
   void evict_down_to(std::size_t bytes, Doomed& doomed);
@@ -185,7 +209,7 @@ class SystemCache : public std::enable_shared_from_this<SystemCache> {
   // guarded by mutex_
   std::size_t budget_;
   std::map<std::string, Entry> entries_;
-  std::map<std::string, std::shared_ptr<Flight>> flights_;
+  std::map<FlightKey, std::shared_ptr<Flight>> flights_;
   std::list<std::string> idle_;  // least recently used first
   std::size_t bytes_ = 0;        // of all entries
   std::uint64_t next_asker_ = 1;

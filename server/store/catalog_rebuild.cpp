@@ -11,6 +11,7 @@
 
 #include "core/base/error.h"
 #include "proto/convert/mesh/geometry.h"
+#include "server/store/basis_files.h"
 #include "server/store/catalog_records.h"
 #include "server/store/file.h"
 #include "server/store/geometry_file.h"
@@ -360,7 +361,10 @@ std::size_t finish_removal(const StoreDirectory& directory, Catalog& catalog, co
       const fs::path file = directory.setups() / key_of(id);
       const bool renewed =
           catalog.find_setup(id) || !is_of(entry.created_ms, files, file, [&] { return read_setup_record(file, id, files); });
-      if (which == RemoveFiles::all || !renewed) remove(file);
+      if (which == RemoveFiles::all || !renewed) {
+        BasisFiles::remove(directory, id);
+        remove(file);
+      }
       continue;
     }
     const fs::path file = directory.names() / key_of(id);

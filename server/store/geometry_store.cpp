@@ -19,7 +19,9 @@ GeometryStore::GeometryStore(const std::filesystem::path& directory, StoreOption
     : options_(std::move(options)),
       files_(options_.files == nullptr ? system_files() : *options_.files),
       directory_(directory, StoreDirectory::Accept::stores, files_),
-      disk_(directory_.root(), directory_.reserve(), options_.disk, files_) {
+      disk_(directory_.root(), directory_.reserve(), options_.disk, files_),
+      bases_(directory_, disk_, options_.most_bases) {
+  bases_.sweep(BasisFiles::Alone::yes);
   {
     const DiskSpace::Room room(disk_);
     catalog_ = open_catalog(directory_, OldCatalog::keep_if_whole).catalog;
@@ -30,6 +32,11 @@ GeometryStore::GeometryStore(const std::filesystem::path& directory, StoreOption
 }
 
 GeometryStore::~GeometryStore() = default;
+
+void GeometryStore::require_room(std::size_t bytes) const {
+  bases_.make_room(bytes);
+  disk_.require(bytes);
+}
 
 // ---- quotas ----
 
@@ -113,7 +120,7 @@ v1::GeometryInfo GeometryStore::put(const Mesh& mesh, const OwnedId& id, const s
     info->set_existed(true);
     return *info;
   }
-  disk_.require(mesh_bytes(mesh));
+  require_room(mesh_bytes(mesh));
   const GeometryRecord record = geometry_record(convert::geometry_info(mesh, id.id, name), unix_ms(), id.tenant);
   // What heals takes no more than there was.
   const bool heals = catalog_->find_geometry(id).has_value();
@@ -338,7 +345,7 @@ std::int64_t GeometryStore::put_setup(SetupRecord record, const Quota& quota) {
   const bool stays = known && known->integrity == Integrity::intact;
   if (stays) record.created_ms = known->created_ms;
   if (stays && !disk_.refusal().empty()) return record.created_ms;
-  disk_.require(record.setup.size() + record.info.size());
+  require_room(record.setup.size() + record.info.size());
   Addition addition(*this, id.tenant, known ? StoredAmount() : StoredAmount{0, 1, stored_bytes(record)}, quota);
   const std::int64_t intent =
       catalog_->begin({Intent::Kind::put, {{Intent::What::setup, record.id, record.created_ms, {}, record.tenant}}});
@@ -384,6 +391,7 @@ bool GeometryStore::remove_setup(const OwnedId& id, const RowsGone& gone) {
 }
 
 v1::StoreInfo GeometryStore::state() {
+  bases_.make_room(0);
   disk_.hold();
   v1::StoreInfo state;
   state.set_reason(disk_.refusal());

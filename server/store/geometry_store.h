@@ -30,6 +30,7 @@ namespace deform::server {
 ///   geometries/<key>  the content whose SHA-256 is its id, immutable
 ///   names/<key>       the row of the geometry (name, time, description), with a checksum
 ///   setups/<key>      the row of a setup: its canonical form, whose hash is its id, and its description, with a checksum
+///   bases/            what prepared systems leave to whoever needs them next (basis_files.h): a cache, which no row names
 ///   tmp/              files of uploads under way, named after their intent
 ///   damaged/          files and catalogs that were damaged; never touched again
 ///   unclaimed/        what stood among the files and is nothing of the store's; never touched again
@@ -68,16 +69,17 @@ class GeometryStore : public Store {
 
   void require_quota(const std::string& tenant, const StoredAmount& more, const Quota& quota) const override;
   StoredAmount amount_of(const std::string& tenant) const override;
-  void require_room(std::size_t bytes) const override { disk_.require(bytes); }
+  void require_room(std::size_t bytes) const override;
   /// Also takes back the reserve when there is room again.
   v1::StoreInfo state() override;
   StoreReport check(const RunContext& context, const RoomFor& room) override {
-    return check_open_store(directory_, *catalog_, context, room);
+    return check_open_store(directory_, *catalog_, bases_, context, room);
   }
   StoreReport backup(const std::filesystem::path& to) override { return backup_store(directory_.root(), to); }
 
   v1::ListGeometriesReply list(const std::string& tenant, const v1::ListGeometriesRequest& request) override;
 
+  BasisFiles& bases() override { return bases_; }
   Catalog& catalog() override { return *catalog_; }
 
  private:
@@ -100,6 +102,7 @@ class GeometryStore : public Store {
   FileSystem& files_;
   const StoreDirectory directory_;
   DiskSpace disk_;
+  BasisFiles bases_;
   std::unique_ptr<Catalog> catalog_;
   std::mutex visibility_;  // file and row change together
   // under visibility_

@@ -35,7 +35,9 @@ SharedStore::SharedStore(const std::filesystem::path& directory, std::unique_ptr
       files_(options_.store.files == nullptr ? system_files() : *options_.store.files),
       catalog_(std::move(catalog)),
       directory_(open_directory(directory, *catalog_, files_)),
-      disk_(directory_->root(), directory_->reserve(), options_.store.disk, files_) {
+      disk_(directory_->root(), directory_->reserve(), options_.store.disk, files_),
+      bases_(*directory_, disk_, options_.store.most_bases) {
+  bases_.sweep(BasisFiles::Alone::no);
   catalog_->on_news({[this](Intent::What what, const OwnedId& id) {
                        const std::lock_guard lock(mirror_mutex_);
                        if (mirror_.forget) mirror_.forget(what, id);
@@ -90,6 +92,7 @@ void SharedStore::require_folder() const {
 }
 
 void SharedStore::require_room(std::size_t bytes) const {
+  bases_.make_room(bytes);
   if (disk_.refusal(bytes).empty()) return;
   require_folder();  // else there is no room either
   disk_.require(bytes);
@@ -184,6 +187,7 @@ void SharedStore::finish(const Intent& removal) {
   try {
     step("a removal is announced");
     for (const auto& entry : removal.entries) {
+      if (entry.what == Intent::What::setup) bases_.remove({entry.tenant, entry.id});
       if (entry.what != Intent::What::geometry) continue;
       try_remove(files_, directory_->temporary(key_of({entry.tenant, entry.id}), entry.put));
       remove_file(files_, file_of(entry));
@@ -323,7 +327,11 @@ std::optional<SetupRecord> SharedStore::find_setup(const OwnedId& id) {
   return record;
 }
 
-bool SharedStore::remove_setup(const OwnedId& id, const RowsGone& gone) { return catalog_->remove_setup(id, gone).has_value(); }
+bool SharedStore::remove_setup(const OwnedId& id, const RowsGone& gone) {
+  const bool removed = catalog_->remove_setup(id, gone).has_value();
+  if (removed) bases_.remove(id);
+  return removed;
+}
 
 std::shared_ptr<void> SharedStore::claim_preparation(const OwnedId& system, const RunContext& context) {
   return catalog_->claim("preparation " + key_of(system), options_.preparation_patience, context);
@@ -335,6 +343,7 @@ v1::StoreInfo SharedStore::state() {
   v1::StoreInfo state;
   std::string why = catalog_->trouble();
   if (why.empty() && !directory_->is_reachable()) why = "the shared folder cannot be reached";
+  if (why.empty()) bases_.make_room(0);
   if (why.empty()) why = disk_.refusal();
   state.set_reason(why);
   state.set_writable(why.empty());
@@ -376,6 +385,7 @@ StoreReport SharedStore::check(const RunContext& context, const RoomFor& room) {
       complain(report, named("system", id) + ": " + error.what());
     }
   }
+  check_bases(report, bases_, context);
   report.lines.push_back(std::to_string(count_entries(directory_->damaged(), files_)) + " entries in damaged/");
   report.lines.push_back(std::to_string(geometries.size()) + " geometries, " + std::to_string(setups.size()) +
                          " setups: " + (report.outcome == StoreReport::Outcome::well ? "every file is whole" : "see above"));

@@ -31,6 +31,7 @@ struct SharedStoreOptions {
 ///   deformd-store         the mark, with the identity of the catalog: neither goes with another one
 ///   lock                  held by flock, shared: against a server that wants the folder alone
 ///   geometries/<key>~<n>  the content whose SHA-256 is its id, immutable; n is the number of the put that wrote it
+///   bases/                what prepared systems leave to whoever needs them next (basis_files.h): a cache, which no row names
 ///   tmp/                  files of uploads under way
 ///   damaged/              files that were damaged; never touched again
 ///
@@ -75,6 +76,7 @@ class SharedStore : public Store {
 
   v1::ListGeometriesReply list(const std::string& tenant, const v1::ListGeometriesRequest& request) override;
 
+  BasisFiles& bases() override { return bases_; }
   Catalog& catalog() override { return *catalog_; }
   SharedCatalog& shared_catalog() { return *catalog_; }
 
@@ -102,6 +104,7 @@ class SharedStore : public Store {
   const std::unique_ptr<SharedCatalog> catalog_;
   const std::unique_ptr<StoreDirectory> directory_;
   DiskSpace disk_;
+  BasisFiles bases_;
   std::mutex aside_mutex_;  // one file is set aside at a time
   std::mutex left_mutex_;
   // under left_mutex_

@@ -15,6 +15,7 @@
 #include "core/mesh/mesh.h"
 #include "deform/v1/geometry.pb.h"
 #include "deform/v1/service.pb.h"
+#include "server/store/basis_files.h"
 #include "server/store/catalog.h"
 #include "server/store/disk_space.h"
 #include "server/store/file_system.h"
@@ -24,6 +25,7 @@ namespace deform::server {
 
 struct StoreOptions {
   DiskOptions disk;
+  std::uint64_t most_bases = 0;  ///< bytes of bases/ (basis_files.h)
   /// Called after every step that a crash could follow; for tests.
   std::function<void(const char* step)> on_step = [](const char*) {};
   /// Outlives the store; null: that of this machine.
@@ -89,6 +91,9 @@ class Store {
   /// for what is no such prefix or has several answers, Error(not_found).
   OwnedId resolve_geometry(const std::string& tenant, const std::string& id_or_prefix);
   OwnedId resolve_setup(const std::string& tenant, const std::string& id_or_prefix);
+
+  /// What prepared systems have left; goes with their setups and geometries.
+  virtual BasisFiles& bases() = 0;
 
   /// For listings of setups and counts; what changes files goes through the store.
   virtual Catalog& catalog() = 0;

@@ -209,6 +209,8 @@ StoreReport check_store(const fs::path& data_dir, FileSystem& files) {
     check_strangers(report, files, directory.geometries(), geometries);
     check_strangers(report, files, directory.names(), geometries);
     check_strangers(report, files, directory.setups(), setups);
+    const DiskSpace disk(directory.root(), directory.reserve(), {}, files);
+    check_bases(report, BasisFiles(directory, disk, 0), {});
     const std::size_t intents = catalog->intents().size();
     if (intents > 0) say(report, counted(intents, "interrupted uploads or deletions, which the next start finishes"));
     say(report, counted(count_entries(directory.damaged(), files), "entries in damaged/, ") +
@@ -220,7 +222,15 @@ StoreReport check_store(const fs::path& data_dir, FileSystem& files) {
   });
 }
 
-StoreReport check_open_store(const StoreDirectory& directory, Catalog& catalog, const RunContext& context, const RoomFor& room) {
+void check_bases(StoreReport& report, const BasisFiles& bases, const RunContext& context) {
+  const std::size_t count = bases.check(context, [&](const OwnedId& system, const std::string& why) {
+    complain(report, named("basis of system", system) + ": " + why + "; a server that reads it sets it aside");
+  });
+  if (count > 0) say(report, counted(count, "bases, ") + mebibytes(bases.bytes()));
+}
+
+StoreReport check_open_store(const StoreDirectory& directory, Catalog& catalog, const BasisFiles& bases,
+                             const RunContext& context, const RoomFor& room) {
   return guarded([&] {
     StoreReport report;
     try {
@@ -251,6 +261,7 @@ StoreReport check_open_store(const StoreDirectory& directory, Catalog& catalog, 
       const auto still_there = [&] { return catalog.find_setup(id).has_value(); };
       check_row(named("system", id), still_there, [&] { check_setup(directory, id); });
     }
+    check_bases(report, bases, context);
     say(report, counted(count_entries(directory.damaged(), directory.files()), "entries in damaged/, ") +
                     counted(count_entries(directory.unclaimed(), directory.files()), "in unclaimed/"));
     say(report, counted(geometries.size(), "geometries, ") + counted(setups.size(), "setups: ") +

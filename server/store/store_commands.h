@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "core/base/run_context.h"
+#include "server/store/basis_files.h"
 #include "server/store/catalog.h"
 #include "server/store/file_system.h"
 #include "server/store/store_directory.h"
@@ -34,7 +35,10 @@ StoreReport check_store(const std::filesystem::path& data_dir, FileSystem& files
 /// The same of a store that is open and in use; files without an entry are not looked for, since some are always on their way.
 /// `room` is held while a geometry is in memory. Throws the errors of `room` and of the context.
 using RoomFor = std::function<std::shared_ptr<void>(const GeometryRecord& geometry)>;
-StoreReport check_open_store(const StoreDirectory& directory, Catalog& catalog, const RunContext& context, const RoomFor& room);
+StoreReport check_open_store(const StoreDirectory& directory, Catalog& catalog, const BasisFiles& bases,
+                             const RunContext& context, const RoomFor& room);
+/// Reads and verifies the files of bases/: a line for each that is damaged, and how many there are, if any.
+void check_bases(StoreReport& report, const BasisFiles& bases, const RunContext& context);
 
 /// Sets the catalog aside and makes a new one of the files; also of a folder that lost its mark. Needs a stopped server.
 StoreReport rebuild_store(const std::filesystem::path& data_dir, FileSystem& files = system_files());

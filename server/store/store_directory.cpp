@@ -31,9 +31,19 @@ constexpr const char* shared_mark_text = "deformd store, format 3, shared by ser
 constexpr const char* mark_of_2 = "deformd store, format 2\n";  // the files of the default tenant alone: a format 3 as it stands
 /// Of the file systems themselves, of a mark that was not finished, and the lock, which is made before the mark.
 constexpr std::array nothing_of_anybody = {"lost+found", "deformd-store.part", "lock", "deformd-unfinished-copy.part"};
-constexpr std::array layout = {"lock",    "geometries",        "names",   "setups",     "tmp",
-                               "damaged", "unclaimed",         "reserve", "lost+found", "deformd-store.part",
-                               mark_name, unfinished_copy_name};
+constexpr std::array layout = {"lock",
+                               "geometries",
+                               "names",
+                               "setups",
+                               "bases",
+                               "tmp",
+                               "damaged",
+                               "unclaimed",
+                               "reserve",
+                               "lost+found",
+                               mark_name,
+                               unfinished_copy_name,
+                               "deformd-store.part"};
 
 /// A file in geometries/ that is named as those of a store are.
 bool has_a_geometry(const fs::path& root, FileSystem& files) {

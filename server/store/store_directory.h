@@ -40,6 +40,8 @@ class StoreDirectory {
   std::filesystem::path geometries() const { return root_ / "geometries"; }
   std::filesystem::path names() const { return root_ / "names"; }
   std::filesystem::path setups() const { return root_ / "setups"; }
+  /// Not made with the others, but by who writes there first.
+  std::filesystem::path bases() const { return root_ / "bases"; }
   std::filesystem::path tmp() const { return root_ / "tmp"; }
   std::filesystem::path damaged() const { return root_ / "damaged"; }
   std::filesystem::path unclaimed() const { return root_ / "unclaimed"; }

@@ -11,7 +11,7 @@ from harness import AHMED_SETUP, LONG_SETUP, EndToEnd, main, read_obj
 class Durability(EndToEnd):
     def setUp(self):
         super().setUp()
-        self.start_server()
+        self.start_server("--max-stored-bases", "0")  # so that systems are prepared again
         self.deform("sample", "-o", "ahmed.obj", "--points", 3000)
         self.write("setup.yaml", AHMED_SETUP)
 

@@ -208,6 +208,31 @@ class OneStore(Killing, Preparations, SharedStore, Replicas):
         self.all_succeed([child])
         self.assertEqual(sum(name.endswith(".obj") for name in os.listdir(self.path("byid"))), 400)
 
+    def test_a_server_that_dies_is_replaced_without_preparing(self):
+        """What takes seconds to prepare leaves its basis to the others, and to itself after a restart."""
+        setup = self.write_case("many", 8000)
+        with open(self.path(setup)) as file:
+            text = file.read()
+        self.write(setup, text.replace("{kernel: TRIHARMONIC}", "{kernel: TRIHARMONIC, reduction: REDUCTION_OFF, solver: CHOLESKY}"))
+        a, b, c = self.servers
+
+        def apply_at(server, name):
+            self.deform("apply", system, "--source", "many.obj", "--set", "roof_up=0.03", "-o", name, *self.at(server))
+            return read_bytes(self.path(name))
+
+        system = self.deform("prepare", setup, "--json", *self.at(a)).json["id"]
+        before = apply_at(a, "before.obj")
+        self.wait_until(lambda: os.path.exists(self.path(f"shared/bases/{system}.basis")), "its basis is stored")
+        self.killed.append((a, time.time()))
+        a.kill()
+        self.assertEqual(apply_at(b, "after.obj"), before)
+        a.start()
+        self.assertEqual(apply_at(a, "back.obj"), before)
+        self.assertIn("1 bases", self.deform("admin", "check", *self.at(b)).out)
+        self.assertEqual(len(self.preparations()[system]), 1)
+        self.deform("remove", system, *self.at(c))
+        self.assertEqual(os.listdir(self.path("shared/bases")), [])
+
     def test_no_design_fails_in_a_rolling_restart(self):
         self.check_rolling_restart()
 

@@ -45,7 +45,7 @@ class DeformCallTest : public testing::Test {
     task.request_id = 42;
     task.designs = designs;
     task.output.set_encoding(encoding);
-    task.prepare = [this](const RunContext&) {
+    task.source.prepare = [this](const RunContext&) {
       if (slow_preparation) preparation.pass();
       return resident;
     };
@@ -302,7 +302,7 @@ TEST_F(DeformCallTest, a_failing_preparation_bind_or_step_ends_the_call) {
   open(1000);
   DeformTask bad = task(1);
   bad.system_id = "bad";
-  bad.prepare = [](const RunContext&) -> std::shared_ptr<ResidentSystem> {
+  bad.source.prepare = [](const RunContext&) -> std::shared_ptr<ResidentSystem> {
     throw Error(ErrorCode::numerical_failure, "singular");
   };
   std::optional<Error> error;

@@ -36,6 +36,7 @@ class EngineFixture : public testing::Test {
     options.block_points = 256;
     options.max_points = 100'000;
     options.max_designs = 100;
+    options.max_stored_bases = 0;  // whether a preparation takes so long that its basis is stored is up to the machine
   }
   void SetUp() override { reopen(); }
   void reopen() {

@@ -104,6 +104,7 @@ TEST_F(Options, EveryOptionCanBeSetInEveryWay) {
                                                      {"data-dir", "d"},
                                                      {"catalog", DEFORM_WITH_POSTGRES ? "postgresql://db/x" : ""},
                                                      {"keep-free", "9MiB"},
+                                                     {"max-stored-bases", "7GiB"},
                                                      {"memory-budget", "8GiB"},
                                                      {"cache-budget", "3GiB"},
                                                      {"workers", "5"},

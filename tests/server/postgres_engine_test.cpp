@@ -128,5 +128,63 @@ TEST_F(SharedEngines, options_name_what_is_wrong) {
   }
 }
 
+/// With handle bases of all systems in the shared folder.
+class SharedBases : public SharedEngines {
+ protected:
+  SharedBases() {
+    options.max_stored_bases = std::size_t{1} << 30;
+    options.stored_from_seconds = 0;
+  }
+  std::filesystem::path file_of(const std::string& system) const { return options.data_dir / "bases" / (system + ".basis"); }
+};
+
+TEST_F(SharedBases, another_server_serves_designs_of_a_system_at_once_with_the_same_bits) {
+  register_mesh(mesh);
+  const std::string system = prepare(sheet_setup(id)).id();
+  const DeformedDesigns here = deform(request_for(system, {{0.1, 0}, {-0.05, 0.1}}));
+  ASSERT_TRUE(eventually([&] { return std::filesystem::exists(file_of(system)); }));
+  swap();
+  other.reset();  // the one that prepared it
+  const DeformedDesigns there = deform(request_for(system, {{0.1, 0}, {-0.05, 0.1}}));
+  EXPECT_EQ(here.points, there.points);
+  EXPECT_FALSE(there.summary.prepared_again());
+  for (std::size_t i = 0; i < 2; ++i) EXPECT_EQ(here.results[i].SerializeAsString(), there.results[i].SerializeAsString());
+}
+
+TEST_F(SharedBases, what_one_deletes_has_no_basis_any_more) {
+  register_mesh(mesh);
+  const std::string system = prepare(sheet_setup(id)).id();
+  ASSERT_TRUE(eventually([&] { return std::filesystem::exists(file_of(system)); }));
+  swap();
+  v1::ReleaseSystemRequest forget;
+  forget.set_id(system);
+  forget.set_forget(true);
+  engine->release_system(forget, {});
+  EXPECT_FALSE(std::filesystem::exists(file_of(system)));
+  prepare(sheet_setup(id));
+  ASSERT_TRUE(eventually([&] { return std::filesystem::exists(file_of(system)); }));
+  v1::DeleteGeometryRequest request;
+  request.set_id(id);
+  request.set_with_setups(true);
+  engine->delete_geometry(request, {});
+  EXPECT_FALSE(std::filesystem::exists(file_of(system)));
+}
+
+TEST_F(SharedBases, without_the_folder_systems_are_prepared_and_no_basis_is_written_elsewhere) {
+  register_mesh(mesh);
+  engine->get_points(id, {});  // so that it is in memory
+  const std::filesystem::path away = options.data_dir.string() + ".away";
+  std::filesystem::rename(options.data_dir, away);
+  std::filesystem::create_directory(options.data_dir);  // below the place where it was mounted
+  const std::string system = prepare(sheet_setup(id)).id();
+  engine->drain(std::chrono::seconds(60));
+  EXPECT_TRUE(std::filesystem::is_empty(options.data_dir));
+  std::filesystem::remove(options.data_dir);
+  std::filesystem::rename(away, options.data_dir);
+  swap();
+  EXPECT_TRUE(deform(request_for(system, {{0.1, 0}})).summary.prepared_again());
+  ASSERT_TRUE(eventually([&] { return std::filesystem::exists(file_of(system)); }));
+}
+
 }  // namespace
 }  // namespace deform::server

@@ -175,7 +175,7 @@ TEST_F(SystemCacheTest, what_takes_long_waits_for_its_turn) {
 
 TEST_F(SystemCacheTest, a_failure_reaches_all_and_is_not_kept) {
   open(1000);
-  const auto fail = [&](const RunContext&) -> std::shared_ptr<ResidentSystem> {
+  const SystemCache::Prepare fail = [&](const RunContext&) -> std::shared_ptr<ResidentSystem> {
     ++prepared;
     gate.pass();
     throw Error(ErrorCode::numerical_failure, "singular");
@@ -202,7 +202,8 @@ TEST_F(SystemCacheTest, foreign_exceptions_end_as_errors_too) {
   open(1000);
   const auto listener = std::make_shared<Listener>();
   const auto ticket = cache->acquire(
-      "a", [](const RunContext&) -> std::shared_ptr<ResidentSystem> { throw std::bad_alloc(); }, ask(listener));
+      "a", SystemCache::Prepare([](const RunContext&) -> std::shared_ptr<ResidentSystem> { throw std::bad_alloc(); }),
+      ask(listener));
   ASSERT_TRUE(eventually([&] { return listener->count() == 1; }));
   EXPECT_EQ(listener->answers[0].error->code(), ErrorCode::out_of_budget);
 }
@@ -354,6 +355,153 @@ TEST_F(SystemCacheTest, many_threads_with_more_systems_than_fit) {
   EXPECT_LE(stats.bytes, 250u);
   EXPECT_GT(stats.evictions, 0u);
   EXPECT_EQ(stats.hits + stats.misses, 800u);
+}
+
+// ---- systems of which only the basis is restored ----
+
+class RestoringTest : public SystemCacheTest {
+ protected:
+  SystemCache::Restore restore(std::size_t bytes) {
+    return [this, bytes](const RunContext&) {
+      ++restored;
+      auto resident = fake_resident(10, bytes);
+      resident->extent = ResidentSystem::Extent::basis;
+      return resident;
+    };
+  }
+  /// At a gate of its own.
+  SystemCache::Restore find_nothing() {
+    return [this](const RunContext&) -> std::shared_ptr<ResidentSystem> {
+      ++restored;
+      nothing.pass();
+      return nullptr;
+    };
+  }
+  void TearDown() override {
+    nothing.open();
+    SystemCacheTest::TearDown();
+  }
+  SystemCache::Handle get(const std::string& id, const SystemCache::Source& source) {
+    const auto listener = std::make_shared<Listener>();
+    auto [handle, ticket] = cache->acquire(id, source, ask(listener));
+    if (handle) return handle;
+    EXPECT_TRUE(eventually([&] { return listener->count() == 1; }));
+    const std::lock_guard lock(listener->mutex);
+    return std::move(listener->answers[0].handle);
+  }
+
+  std::atomic<int> restored{0};
+  Gate nothing;
+};
+
+TEST_F(RestoringTest, a_restored_system_is_enough_for_who_says_so) {
+  open(1000);
+  EXPECT_EQ(get("a", {make(100), restore(30)})->extent, ResidentSystem::Extent::basis);
+  EXPECT_EQ(get("a", {make(100), restore(30)})->extent, ResidentSystem::Extent::basis);
+  EXPECT_EQ(prepared, 0);
+  EXPECT_EQ(restored, 1);
+  EXPECT_EQ(cache->stats().bytes, 30u);
+  EXPECT_EQ(cache->stats().restored, 1u);
+}
+
+TEST_F(RestoringTest, a_whole_system_replaces_a_restored_one_that_its_users_keep) {
+  open(1000);
+  auto basis = get("a", {make(100), restore(30)});
+  auto whole = get("a", {make(100)});
+  EXPECT_EQ(prepared, 1);
+  EXPECT_EQ(whole->extent, ResidentSystem::Extent::whole);
+  EXPECT_EQ(basis->bytes(), 30u);
+  EXPECT_EQ(cache->stats().systems, 1u);
+  EXPECT_EQ(cache->stats().bytes, 100u);
+  EXPECT_EQ(get("a", {make(100), restore(30)}).get(), whole.get());
+  basis.reset();
+  EXPECT_EQ(cache->stats().bytes, 100u) << "it is none of the cache's any more";
+  whole.reset();
+  cache->set_budget(0);
+  EXPECT_EQ(cache->stats().systems, 0u);
+  EXPECT_EQ(cache->stats().bytes, 0u);
+}
+
+TEST_F(RestoringTest, a_whole_system_that_is_idle_is_replaced_by_none) {
+  open(1000);
+  get("a", {make(100), restore(30)});
+  get("a", {make(100)});
+  EXPECT_EQ(cache->stats().bytes, 100u);
+  get("a", {make(100), restore(30)});
+  EXPECT_EQ(restored, 1);
+  cache->set_budget(0);
+  EXPECT_EQ(cache->stats().systems, 0u);
+}
+
+TEST_F(RestoringTest, where_there_is_nothing_to_restore_all_wait_for_one_preparation) {
+  open(1000);
+  std::vector<std::shared_ptr<Listener>> listeners;
+  std::vector<SystemCache::Ticket> tickets;
+  const auto add = [&](const SystemCache::Source& source) {
+    listeners.push_back(std::make_shared<Listener>());
+    tickets.push_back(cache->acquire("a", source, ask(listeners.back())).second);
+  };
+  for (int i = 0; i < 5; ++i) add({make_slowly(100), find_nothing()});
+  ASSERT_TRUE(eventually([&] { return nothing.waiting() == 1; }));
+  for (int i = 0; i < 5; ++i) add({make_slowly(100)});
+  ASSERT_TRUE(eventually([&] { return gate.waiting() == 1; })) << "who needs it whole does not wait for that";
+  nothing.open();
+  add({make_slowly(100), find_nothing()});
+  gate.open();
+  for (const auto& listener : listeners) {
+    ASSERT_TRUE(eventually([&] { return listener->count() == 1; }));
+    EXPECT_EQ(listener->answers[0].handle.get(), listeners[0]->answers[0].handle.get());
+    EXPECT_EQ(listener->answers[0].handle->extent, ResidentSystem::Extent::whole);
+  }
+  EXPECT_EQ(prepared, 1);
+}
+
+TEST_F(RestoringTest, what_was_prepared_while_there_was_nothing_to_restore_is_not_prepared_again) {
+  open(1000);
+  const auto listener = std::make_shared<Listener>();
+  const auto ticket = cache->acquire("a", {make(100), find_nothing()}, ask(listener)).second;
+  ASSERT_TRUE(eventually([&] { return nothing.waiting() == 1; }));
+  const auto whole = get("a", {make(100)});
+  nothing.open();
+  ASSERT_TRUE(eventually([&] { return listener->count() == 1; }));
+  EXPECT_EQ(listener->answers[0].handle.get(), whole.get());
+  EXPECT_EQ(prepared, 1);
+}
+
+TEST_F(RestoringTest, the_last_who_leaves_a_joined_preparation_cancels_it) {
+  open(1000);
+  const auto one = std::make_shared<Listener>(), two = std::make_shared<Listener>();
+  auto [none, first] = cache->acquire("a", {make_slowly(100)}, ask(one));
+  auto [nobody, second] = cache->acquire("a", {make_slowly(100), find_nothing()}, ask(two));
+  ASSERT_TRUE(eventually([&] { return nothing.waiting() == 1 && gate.waiting() == 1; }));
+  nothing.open();
+  // The flight that looked for a basis has joined the other one when the next who asks so begins a flight of its own.
+  ASSERT_TRUE(eventually([&] {
+    const auto third = std::make_shared<Listener>();
+    const int before = restored;
+    const auto asked = cache->acquire("a", {make_slowly(100), find_nothing()}, ask(third));
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    return restored > before;
+  }));
+  first.leave();
+  EXPECT_EQ(cancelled, 0);
+  second.leave();
+  gate.open();
+  EXPECT_TRUE(eventually([&] { return cancelled == 1; }));
+  EXPECT_EQ(one->count() + two->count(), 0u);
+  EXPECT_EQ(prepared, 1);
+}
+
+TEST_F(RestoringTest, an_error_of_restoring_is_that_of_who_asked) {
+  open(1000);
+  const auto listener = std::make_shared<Listener>();
+  const SystemCache::Restore fails = [](const RunContext&) -> std::shared_ptr<ResidentSystem> {
+    throw Error(ErrorCode::out_of_budget, "memory");
+  };
+  const auto ticket = cache->acquire("a", {make(100), fails}, ask(listener)).second;
+  ASSERT_TRUE(eventually([&] { return listener->count() == 1; }));
+  EXPECT_EQ(listener->answers[0].error->code(), ErrorCode::out_of_budget);
+  EXPECT_EQ(prepared, 0);
 }
 
 }  // namespace

@@ -233,8 +233,8 @@ class System(DesignSpace):
         return CompiledDeformation(_deformd.compile(self._client._native, self.id, self._client._limits(timeout, cancel)))
 
     def release(self, *, forget: bool = False) -> None:
-        """Gives the memory of the system on the server back; it is prepared again when it is used. forget: deletes the stored setup
-        as well, so that the id is unknown afterwards."""
+        """Gives the memory of the system on the server back; it is restored or prepared again when it is used. forget: deletes the
+        stored setup as well, so that the id is unknown afterwards."""
         self._client._native.release(self.id, forget, self._client._limits(None, None))
 
     @property

@@ -1,16 +1,13 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/deformers/energy/energy_evaluation.h"
 
-#include <Eigen/LU>
 #include <algorithm>
 #include <atomic>
 #include <cmath>
-#include <cstdio>
-#include <numbers>
 #include <string>
 
 #include "core/base/vectors.h"
-#include "core/numerics/dense/decompositions.h"
+#include "core/deformers/handles/turn_warnings.h"
 
 namespace deform {
 
@@ -20,24 +17,14 @@ constexpr std::size_t energy_places_per_task = 1024;
 constexpr double exact_limit = 1e-9;      // of D: ConstraintReport::missed
 constexpr double convergence_margin = 4;  // true error against the way to the solution as it is estimated
 
-constexpr double largest_turn = 15;  // degrees: beyond, a shell that keeps its energy linear loses more than its details
-
-/// By how many degrees an affine map turns: of the orthogonal part of its polar decomposition, but for a reflection.
-double turn_of(const Affine& map) {
-  Eigen::Matrix3d A;
-  A << map[0], map[1], map[2], map[4], map[5], map[6], map[8], map[9], map[10];
-  auto [values, U, V] = svd(A);
-  if ((U * V.transpose()).determinant() < 0) U.col(2) *= -1;
-  const double cosine = 0.5 * ((U * V.transpose()).trace() - 1);
-  return std::acos(std::clamp(cosine, -1.0, 1.0)) * 180 / std::numbers::pi;
-}
-
 }  // namespace
 
 EnergyEvaluation::EnergyEvaluation(std::shared_ptr<const EnergySystem> system, std::span<const Design> designs,
                                    EvaluationPath path, WarmStart* warm, const RunContext& context)
     : HandleEvaluation(system, designs, path, context), system_(*system), solutions_(designs.size()) {
-  for (std::size_t i = 0; i < designs.size() && system_.model_.of_shell; ++i) warn_of_turns(i);
+  for (std::size_t i = 0; i < designs.size() && system_.model_.of_shell; ++i) {
+    add_turn_warnings(system_.setup_, designs_[i], reports_[i]);
+  }
   if (system_.constrained_ == nullptr) {
     solve(context);
   } else if (warm == nullptr) {
@@ -69,19 +56,6 @@ void EnergyEvaluation::solve(const RunContext& context) {
     const auto& errors = solutions_[i].errors;
     set_error(i, norm({errors[0], errors[1], errors[2]}));
   });
-}
-
-void EnergyEvaluation::warn_of_turns(std::size_t design) {
-  for (std::size_t h = 0; h < system_.setup_.handles.size(); ++h) {
-    if (!designs_[design].displacement[h].empty()) continue;
-    const double turn = turn_of(designs_[design].affine[h]);
-    if (turn <= largest_turn) continue;
-    char degrees[32];
-    std::snprintf(degrees, sizeof degrees, "%.0f", turn);
-    reports_[design].warnings.push_back("handle \"" + system_.setup_.handles[h].name + "\" turns by " + degrees +
-                                        " degrees: the energy of the shell is linear, so that what is between the handles does "
-                                        "not turn with them but shears and swells; mls and rbf follow turns of all handles");
-  }
 }
 
 void EnergyEvaluation::report_misfit(std::size_t design) {

@@ -23,8 +23,6 @@ class EnergyEvaluation : public HandleEvaluation {
  private:
   void solve(const RunContext& context);
   void solve_constrained(std::size_t design, WarmStart* warm, const RunContext& context);
-  /// Warns of handles that rotate if the energy is that of a shell. Handles with a displacement per point are not checked.
-  void warn_of_turns(std::size_t design);
   void report_misfit(std::size_t design);
   std::vector<Vec3> final_points(std::size_t design) const;
   void measure_constraints(std::size_t design, const ConstrainedResult& result);

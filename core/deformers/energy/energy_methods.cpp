@@ -67,6 +67,12 @@ void check(const FfdOptions& options, const Mesh& mesh) {
   check_lattice(options.lattice, mesh);
 }
 
+template <typename O>
+constexpr bool is_of_shell = std::is_same_v<O, ShellOptions> || std::is_same_v<O, SubspaceOptions>;
+/// As the models have it.
+template <typename O>
+constexpr bool may_crack = std::is_same_v<O, ShellOptions>;
+
 EnergySpace space_of(const SubspaceOptions& options, const Mesh& mesh, std::uint64_t seed, const RunContext& context) {
   return shell_subspace(mesh, options, seed, context);
 }
@@ -92,13 +98,13 @@ std::shared_ptr<const System> EnergyMethod<O>::prepare(const O& options, const s
   const auto model = [&](const std::vector<RegionIndex>& region_of, double diagonal) {
     if constexpr (std::is_same_v<O, ShellOptions>) {
       EnergyModel result = shell_model(*mesh, region_of, options, diagonal);
-      result.of_shell = true;
+      result.of_shell = is_of_shell<O>;
       return result;
     } else if constexpr (std::is_same_v<O, FfdOptions>) {
       return lattice_model(*mesh, options, region_of, context);
     } else {
       EnergyModel result{space_of(options, *mesh, setup.seed, context), {}, false, {}};
-      result.of_shell = std::is_same_v<O, SubspaceOptions>;
+      result.of_shell = is_of_shell<O>;
       for (std::size_t i = 0; i < region_of.size(); ++i) {
         if (region_of[i] != deformable_region) result.held.push_back(static_cast<PointId>(i));
       }
@@ -106,6 +112,11 @@ std::shared_ptr<const System> EnergyMethod<O>::prepare(const O& options, const s
     }
   };
   return std::make_shared<const EnergySystem>(mesh, setup, options, model, context, memory_budget);
+}
+
+template <typename O>
+BasisTraits EnergyMethod<O>::basis_traits(const O& options) {
+  return {options.handles, UnitLength::diagonal, may_crack<O>, is_of_shell<O>};
 }
 
 template struct EnergyMethod<ShellOptions>;

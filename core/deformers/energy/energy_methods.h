@@ -7,6 +7,7 @@
 #include <string_view>
 #include <vector>
 
+#include "core/deformers/handles/handle_basis.h"
 #include "core/deformers/method.h"
 
 namespace deform {
@@ -22,6 +23,7 @@ struct EnergyMethod {
   static Estimate estimate(const O& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions);
   static std::shared_ptr<const System> prepare(const O& options, const std::shared_ptr<const Mesh>& mesh, const Setup& setup,
                                                const RunContext& context, std::size_t memory_budget);
+  static BasisTraits basis_traits(const O& options);
 };
 extern template struct EnergyMethod<ShellOptions>;
 extern template struct EnergyMethod<SubspaceOptions>;

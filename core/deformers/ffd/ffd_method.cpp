@@ -114,4 +114,9 @@ std::shared_ptr<const System> FfdMethod::prepare(const FfdOptions& options, cons
   return std::make_shared<const DirectSystem>(mesh, setup, make, context, memory_budget);
 }
 
+std::optional<BasisTraits> FfdMethod::basis_traits(const FfdOptions& options) {
+  if (options.control == FfdControl::energy) return ByEnergy::basis_traits(options);
+  return std::nullopt;
+}
+
 }  // namespace deform

@@ -7,6 +7,7 @@
 #include <string_view>
 #include <vector>
 
+#include "core/deformers/handles/handle_basis.h"
 #include "core/deformers/method.h"
 
 namespace deform {
@@ -27,6 +28,8 @@ struct FfdMethod {
   static Estimate estimate(const FfdOptions& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions);
   static std::shared_ptr<const System> prepare(const FfdOptions& options, const std::shared_ptr<const Mesh>& mesh,
                                                const Setup& setup, const RunContext& context, std::size_t memory_budget);
+  /// std::nullopt unless control is FfdControl::energy: reports of the others need the control points.
+  static std::optional<BasisTraits> basis_traits(const FfdOptions& options);
 };
 
 }  // namespace deform

@@ -35,6 +35,29 @@ CompressedFields::CompressedFields(const FieldTiles& fields, std::span<const Vec
   for (std::size_t i = 0; i < errors.size(); ++i) errors_[i % fields_] = std::max(errors_[i % fields_], errors[i]);
 }
 
+bool CompressedFields::fits(std::size_t points, std::size_t fields) const {
+  if (points_ != points || fields_ != fields || errors_.size() != fields || blocks_.size() != block_count(points)) return false;
+  for (std::size_t b = 0; b < blocks_.size(); ++b) {
+    const FieldBlock& block = blocks_[b];
+    const std::size_t tiles = tile_count(std::min(FieldBlock::points, points - b * FieldBlock::points));
+    if (!block.exact.empty()) {
+      if (block.exact.size() != tiles * tile_size * fields) return false;
+      continue;
+    }
+    const std::size_t columns = block.columns();
+    std::size_t tile_bytes = 0;
+    for (const std::uint8_t bits : block.bits) tile_bytes += coded_bytes(bits);
+    const bool coded =
+        std::all_of(block.bits.begin(), block.bits.end(), [](std::uint8_t bits) { return bits % 4 == 0 && bits <= 32; });
+    const bool whole = coded && block.stride % 4 == 0 && block.affine.size() == fields * affine_terms &&
+                       block.steps.size() == columns && block.offsets.size() == columns && block.stride >= columns &&
+                       block.tile_bytes == tile_bytes && block.directions.size() == fields * block.stride &&
+                       block.codes.size() == tiles * tile_bytes;
+    if (!whole) return false;
+  }
+  return true;
+}
+
 std::size_t CompressedFields::bytes() const {
   std::size_t bytes = errors_.size() * sizeof(double);
   for (const FieldBlock& block : blocks_) bytes += block.bytes();

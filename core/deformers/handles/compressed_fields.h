@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "core/base/run_context.h"
@@ -19,6 +20,13 @@ class CompressedFields {
  public:
   /// Compresses the fields with an error of at most `bound` > 0 in every value. Reports "basis" progress without fractions.
   CompressedFields(const FieldTiles& fields, std::span<const Vec3> places, double bound, const RunContext& context);
+
+  /// Of the parts of one, as they are; see fits().
+  CompressedFields(std::size_t points, std::size_t fields, std::vector<FieldBlock> blocks, std::vector<double> errors)
+      : points_(points), fields_(fields), blocks_(std::move(blocks)), errors_(std::move(errors)) {}
+
+  /// Whether there are so many points and fields, and the sizes of all arrays are those.
+  bool fits(std::size_t points, std::size_t fields) const;
 
   std::size_t points() const { return points_; }
   std::size_t fields() const { return fields_; }

@@ -105,7 +105,9 @@ void ControlSystem::fill_info() {
     if (idle_.size() > listed_handles) names += " and " + std::to_string(idle_.size() - listed_handles) + " more";
     info_.notes.push_back("No point of the mesh is in reach of the control points of handle " + names + ", which moves nothing.");
   }
-  if (!has_basis()) info_.notes.push_back("No handle basis is stored: every design is one sum over control points per point.");
+  if (!has_basis()) {
+    info_.notes.emplace_back("No handle basis is stored: every design is one sum over control points per point.");
+  }
 }
 
 std::vector<Vec3> ControlSystem::displacements(const BoundDesign& design, MotionKind kind) const {

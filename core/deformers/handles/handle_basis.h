@@ -45,6 +45,18 @@ struct HandleBasis {
   static std::size_t peak_bytes_for(std::size_t points, std::size_t fields, double tolerance);
 };
 
+/// The length of a unit of the solution's coordinates: of the bounding box of the mesh.
+enum class UnitLength { longest_edge, diagonal };
+
+/// What tells the designs of a method that come from its handle basis from those of others: enough to evaluate and report them
+/// without the rest of its system (see restored_system.h).
+struct BasisTraits {
+  HandleMode handles = HandleMode::hard;
+  UnitLength unit = UnitLength::diagonal;
+  bool may_crack = false;  ///< coincident handle and fixed points may separate
+  bool of_shell = false;   ///< handles that turn are warned of, see add_turn_warnings()
+};
+
 /// The limits of the tolerance of a basis; 0 means doubles. check_basis_tolerance() throws Error(invalid_argument) naming
 /// the field.
 inline constexpr double least_basis_tolerance = 1e-12, largest_basis_tolerance = 1e-3;

@@ -164,6 +164,20 @@ double HandleEvaluation::compression_error(std::size_t design) const {
   return norm(sums);
 }
 
+double HandleEvaluation::allowed_error(std::size_t design) const {
+  const SystemInfo& info = system_->info_;
+  const double tolerance = designs_[design].tolerance > 0 ? designs_[design].tolerance : info.tolerance;
+  return tolerance * std::max(info.diagonal, reports_[design].prescribed_displacement);
+}
+
+void HandleEvaluation::judge() {
+  if (system_->info_.solver != Solver::iterative) return;
+  // Not (error > allowed), so that NaN counts as an error. The compression error of a basis is not an error of the solver.
+  for (std::size_t i = 0; i < designs_.size(); ++i) {
+    reports_[i].converged = reports_[i].error - compression_error(i) <= allowed_error(i);
+  }
+}
+
 /// Roundings: of a coefficient those of field_coefficients() and one for each term of the sums; of the points those of handle
 /// points, of their fields and of the last addition. A few times what they amount to.
 std::optional<FieldMotion> HandleEvaluation::field_motion(std::size_t design) const {

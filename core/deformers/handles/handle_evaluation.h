@@ -50,6 +50,11 @@ class HandleEvaluation : public Evaluation {
   double basis_error(std::size_t design, double margin) const;
   /// The largest error of a design on the basis path that the compression of the bases can cause, model units.
   double compression_error(std::size_t design) const;
+  /// The error that a solver which works to a tolerance may leave in a design, model units: a fraction of D, or of the motion if
+  /// that is larger.
+  double allowed_error(std::size_t design) const;
+  /// For an iterative solver: whether the errors of the designs are what it was to reach.
+  void judge();
   bool is_direct(std::size_t design) const { return reports_[design].path == EvaluationPath::direct; }
   std::size_t direct_designs() const { return direct_designs_; }
   /// The position of a design among those of its path.

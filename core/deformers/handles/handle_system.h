@@ -42,9 +42,9 @@ class HandleSystem : public System {
   friend class CompiledForm;
   friend class HandleFields;
   friend class HandleMap;
+  friend class StoredBasis;
 
-  /// The length of a unit of the solution's coordinates.
-  enum class Unit { longest_edge, diagonal };
+  using Unit = UnitLength;
   HandleSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, HandleMode handles, Unit unit, const RunContext& context);
   /// For handles and fixed regions that select control points (SelectedRegions::of), which are the points of `controls`. All
   /// points of the mesh follow. The unit is the diagonal of the mesh.

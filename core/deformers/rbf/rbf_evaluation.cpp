@@ -23,7 +23,7 @@ RbfEvaluation::RbfEvaluation(std::shared_ptr<const RbfSystem> system, std::span<
                              const RunContext& context)
     : HandleEvaluation(system, designs, path, context), system_(*system) {
   solve(context);
-  if (to_tolerance(system_.info_.solver)) judge();
+  judge();
 }
 
 RbfEvaluation::RbfEvaluation(std::shared_ptr<const RbfSystem> system, const std::vector<Affine>& derivatives,
@@ -96,20 +96,6 @@ void RbfEvaluation::solve_derivative(const RunContext& context) {
     const double tolerance = iterative ? derivative_tolerance * F.cwiseAbs().maxCoeff() : 0.0;
     solutions_[p].values = {
         values_to_tolerance(*part.system, *part.check, system_.checked_, F, tolerance, points, context).values};
-  }
-}
-
-/// The tolerance is a fraction of D, or of the motion if that is larger.
-double RbfEvaluation::allowed_error(std::size_t design) const {
-  const double tolerance = designs_[design].tolerance > 0 ? designs_[design].tolerance : system_.info_.tolerance;
-  return tolerance * std::max(system_.info_.diagonal, reports_[design].prescribed_displacement);
-}
-
-void RbfEvaluation::judge() {
-  if (system_.info_.solver != Solver::iterative) return;
-  // Not (error > allowed), so that NaN counts as an error. The compression error of a basis is not an error of the solver.
-  for (std::size_t i = 0; i < designs_.size(); ++i) {
-    reports_[i].converged = reports_[i].error - compression_error(i) <= allowed_error(i);
   }
 }
 

@@ -24,9 +24,6 @@ class RbfEvaluation : public HandleEvaluation {
   Eigen::MatrixXd part_data(const BoundDesign& design, const RbfPart& part) const;
   double part_error(std::size_t design, const RbfPart& part, const Interpolants& interpolants, const RunContext& context);
   void measure_residuals();
-  /// Sets error and convergence of designs on both paths for solvers that work to a tolerance.
-  void judge();
-  double allowed_error(std::size_t design) const;
   void solve_derivative(const RunContext& context);
   void direct_tile(std::size_t tile, std::size_t first, std::size_t count, double* values) const override;
   SpaceMap::Told displacements_at(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,

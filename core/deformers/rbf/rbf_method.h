@@ -7,6 +7,7 @@
 #include <string_view>
 #include <vector>
 
+#include "core/deformers/handles/handle_basis.h"
 #include "core/deformers/method.h"
 
 namespace deform {
@@ -26,6 +27,7 @@ struct RbfMethod {
   static Estimate estimate(const RbfOptions& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions);
   static std::shared_ptr<const System> prepare(const RbfOptions& options, const std::shared_ptr<const Mesh>& mesh,
                                                const Setup& setup, const RunContext& context, std::size_t memory_budget);
+  static BasisTraits basis_traits(const RbfOptions&) { return {HandleMode::hard, UnitLength::longest_edge}; }
 };
 
 }  // namespace deform

@@ -6,23 +6,18 @@
 
 #include <cmath>
 #include <cstring>
-#include <functional>
-#include <ostream>
 #include <random>
 
 #include "core/compiled/deformation.h"
 #include "core/compiled/reader.h"
 #include "core/compiled/records.h"
 #include "core/numerics/kernels/tiles.h"
-#include "tests/core/deformers/energy_cases.h"
+#include "tests/core/deformers/basis_cases.h"
 #include "tests/core/deformers/mirrored.h"
-#include "tests/core/numerics/cages.h"
 #include "tests/support/expect_error.h"
 
 namespace deform {
 namespace {
-
-using Method = decltype(deform::Setup::method);
 
 /// As it comes out of a file.
 compiled::Deformation compiled_deformation(const std::shared_ptr<const System>& system) {
@@ -39,75 +34,9 @@ compiled::Deformation compiled_deformation(const std::shared_ptr<const System>& 
 /// Sums are fused where the processor can, which the system leaves to it.
 bool fuses() { return std::string(vector_target()).find("AVX") != std::string::npos; }
 
-struct Case {
-  const char* name;
-  Method method;
-  bool stored_exactly = true;
-  std::function<void(deform::Setup&)> change = {};
-};
-
-void PrintTo(const Case& value, std::ostream* out) { *out << value.name; }
-
-std::vector<Case> cases() {
-  const auto soft = [](auto options) {
-    options.handles = HandleMode::soft;
-    return options;
-  };
-  FfdOptions energy, mesh, controls;
-  energy.lattice.points = {11, 8, 5};
-  mesh.lattice.points = controls.lattice.points = {8, 6, 4};
-  mesh.control = FfdControl::mesh;
-  controls.control = FfdControl::controls;
-  RbfOptions always, iterative, compressed, biharmonic;
-  always.basis = BasisMode::always;
-  iterative.solver = Solver::iterative;
-  iterative.kernel = Kernel::biharmonic;
-  compressed.basis_tolerance = 1e-9;
-  biharmonic.kernel = Kernel::biharmonic;
-  CageOptions cage;
-  const test::CageMesh box =
-      test::prism({{1.1, 0.6, 0}, {1.1, 1.3, 0}, {-0.2, 1.3, 0}, {-0.2, -0.3, 0}, {2.4, -0.3, 0}, {2.4, 0.6, 0}}, 1);
-  cage.vertices = box.vertices;
-  for (Vec3& x : cage.vertices) x[2] -= 0.5;
-  cage.triangles = box.triangles;
-  const auto vertices = [](deform::Setup& setup) {
-    setup.handles[0].region = {Region::ControlIds{{5, 4, 10, 11}}};
-    setup.handles[1].region = {Region::ControlIds{{0, 7}}};
-    setup.fixed = {{Region::ControlIds{{2, 3}}}};
-  };
-  const auto lattice = [](deform::Setup& setup) {
-    std::vector<std::uint32_t> right, middle;
-    for (std::uint32_t i = 0; i < 8 * 6 * 4; ++i) {
-      if (i % 8 >= 6) right.push_back(i);
-      if (i % 8 == 4) middle.push_back(i);
-    }
-    setup.handles[0].region = {Region::ControlIds{right}};
-    setup.handles[1].region = {Region::ControlIds{middle}};
-    setup.fixed.clear();
-  };
-  return {{"rbf", always},
-          {"rbf_biharmonic", biharmonic},
-          {"rbf_iterative", iterative},
-          {"rbf_compressed", compressed, false},
-          {"shell", ShellOptions{}},
-          {"shell_soft", soft(ShellOptions{})},
-          {"subspace", SubspaceOptions{}},
-          {"mls", MlsOptions{}},
-          {"mls_soft", soft(MlsOptions{})},
-          {"ffd_energy", energy},
-          {"ffd_mesh", mesh},
-          {"ffd_controls", controls, true, lattice},
-          {"cage", cage, true, vertices}};
-}
-
-class CompiledForms : public testing::TestWithParam<Case> {
+class CompiledForms : public testing::TestWithParam<test::BasisCase> {
  protected:
-  deform::Setup setup() const {
-    deform::Setup setup = test::setup_with_variables();
-    setup.method = GetParam().method;
-    if (GetParam().change) GetParam().change(setup);
-    return setup;
-  }
+  deform::Setup setup() const { return GetParam().setup(); }
 };
 
 std::vector<double> flat_points(const Points& points) { return {points[0].data(), points[0].data() + 3 * points.size()}; }
@@ -154,7 +83,9 @@ TEST_P(CompiledForms, AreTheSystem) {
     EXPECT_EQ(report.prescribed_displacement, expected.prescribed_displacement);
     EXPECT_EQ(report.converged, expected.converged);
     const double missed = deformation.largest_misfit(designs[i].variables, one);
-    if (expected.misfit > 0) EXPECT_NEAR(missed, expected.misfit, 1e-12 * D);
+    if (expected.misfit > 0) {
+      EXPECT_NEAR(missed, expected.misfit, 1e-12 * D);
+    }
   }
 
   const std::vector<double> at{0.1, 0.8, 0.2, -0.6}, direction{0.3, -0.7, 0.5, 0.9};
@@ -174,7 +105,7 @@ TEST_P(CompiledForms, AreTheSystem) {
   EXPECT_LE(largest_difference(gradient, transposed), 1e-12 * scale);
 }
 
-INSTANTIATE_TEST_SUITE_P(Methods, CompiledForms, testing::ValuesIn(cases()),
+INSTANTIATE_TEST_SUITE_P(Methods, CompiledForms, testing::ValuesIn(test::basis_cases()),
                          [](const auto& parameter) { return std::string(parameter.param.name); });
 
 TEST(CompiledForm, OfHalfModelsIsTheSystem) {
