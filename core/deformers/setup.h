@@ -50,11 +50,11 @@ constexpr double default_reduction_tolerance(Kernel kernel) { return kernel == K
 /// The default of RbfOptions::tolerance.
 constexpr double default_tolerance(Solver solver) { return solver == Solver::incremental_qr ? 1e-4 : 1e-6; }
 
-/// RBF deformation (thesis 3.5, 4.2). Lengths in model units.
 /// The distance between neighbouring centres that sets automatic shapes: that of the densest ones, as they set the condition, or
 /// the median, as up to version 0.2.
 enum class ShapeRule { densest, median };
 
+/// RBF deformation (thesis 3.5, 4.2). Lengths in model units.
 struct RbfOptions {
   std::optional<Kernel> kernel = std::nullopt;  ///< radial kernel; if not set, default_kernel() of the mesh
   /// The shape parameter s of kernels that have one, as a fraction of the bounding-box diagonal of the centres. Larger values are
