@@ -148,6 +148,9 @@ void add_engine_options(std::vector<Option>& all) {
       "max-stored-bases",
       "disk for handle bases of prepared systems, from which designs are served at once after a restart; 0: none are kept",
       [](Configuration & c) -> auto& { return c.server.engine.max_stored_bases; }));
+  all.push_back({"stored-bases-from", "SECONDS", "bases of preparations that took at least that long are kept there",
+                 [](Configuration& c, const std::string& text) { c.server.engine.stored_from = parse_seconds(text); },
+                 [](const Configuration& c) { return to_seconds(c.server.engine.stored_from); }});
   all.push_back(bytes(
       "memory-budget", "memory for systems and requests; 0: 80 % of what the machine or its cgroup has",
       [](Configuration & c) -> auto& { return c.server.engine.memory_budget; }));

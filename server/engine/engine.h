@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
+#include <chrono>
 #include <cstdint>
 #include <filesystem>
 #include <functional>
@@ -26,11 +27,11 @@ struct EngineOptions {
   std::size_t keep_free = std::size_t{16} << 20;  ///< bytes that stay free on its disk: below, nothing is added to the store
   /// Bytes of handle bases in the store, from which systems are restored (core/deformers/stored_form.h); 0: none are kept.
   std::size_t max_stored_bases = std::size_t{16} << 30;
-  double stored_from_seconds = 1;  ///< of a preparation: bases of others are not worth it
-  std::size_t memory_budget = 0;   ///< bytes; 0 = 80 % of what the machine (or its cgroup) has
-  std::size_t cache_budget = 0;    ///< bytes of resident systems; 0 = half of memory_budget
-  int workers = 0;                 ///< requests computed at once; 0 = number of cores
-  std::size_t queue_limit = 256;   ///< requests waiting; more are refused with a retry hint
+  std::chrono::milliseconds stored_from{1000};  ///< what a preparation takes at least: bases of others are not worth it
+  std::size_t memory_budget = 0;                ///< bytes; 0 = 80 % of what the machine (or its cgroup) has
+  std::size_t cache_budget = 0;                 ///< bytes of resident systems; 0 = half of memory_budget
+  int workers = 0;                              ///< requests computed at once; 0 = number of cores
+  std::size_t queue_limit = 256;                ///< requests waiting; more are refused with a retry hint
   std::size_t max_points = 50'000'000;
   std::size_t max_faces = 100'000'000;
   std::size_t max_groups = 10'000;

@@ -391,7 +391,7 @@ std::shared_ptr<ResidentSystem> EngineImpl::make_system(const Recipe& recipe, co
   resident->told.set_created_unix_ms(created_ms);
   double seconds = 0;
   for (const auto& stage : resident->system->info().stage_seconds) seconds += stage.second;
-  if (seconds >= options_.stored_from_seconds) bases_.keep(recipe.id, resident, quota);
+  if (seconds >= std::chrono::duration<double>(options_.stored_from).count()) bases_.keep(recipe.id, resident, quota);
   return resident;
 }
 

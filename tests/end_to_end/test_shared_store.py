@@ -37,7 +37,7 @@ class Preparations:
         super().setUp()
 
     def options_of(self, number):
-        return [*super().options_of(number), "--log-level", "debug", "--log-format", "json"]
+        return [*super().options_of(number), "--log-level", "debug", "--log-format", "json", "--stored-bases-from", "0.2"]
 
     def preparations(self):
         """System -> [(server, begin, end)]. What a kill has ended has no line: it ended then, or later."""
@@ -209,7 +209,7 @@ class OneStore(Killing, Preparations, SharedStore, Replicas):
         self.assertEqual(sum(name.endswith(".obj") for name in os.listdir(self.path("byid"))), 400)
 
     def test_a_server_that_dies_is_replaced_without_preparing(self):
-        """What takes seconds to prepare leaves its basis to the others, and to itself after a restart."""
+        """What takes longer to prepare leaves its basis to the others, and to itself after a restart."""
         setup = self.write_case("many", 8000)
         with open(self.path(setup)) as file:
             text = file.read()

@@ -20,7 +20,7 @@ class StoredBasesTest : public EngineFixture {
   StoredBasesTest() {
     spdlog::set_level(spdlog::level::off);
     options.max_stored_bases = std::size_t{1} << 30;
-    options.stored_from_seconds = 0;
+    options.stored_from = std::chrono::milliseconds(0);
   }
   ~StoredBasesTest() override { spdlog::set_level(spdlog::level::info); }
 
@@ -253,7 +253,7 @@ TEST_F(StoredBasesTest, where_none_can_be_written_systems_are_prepared_as_ever) 
   EXPECT_TRUE(deform(designs(system)).summary.prepared_again());
   close();
   fs::remove(folder());
-  options.stored_from_seconds = 1000;
+  options.stored_from = std::chrono::seconds(1000);
   open();
   EXPECT_TRUE(deform(designs(system)).summary.prepared_again());
   restart();

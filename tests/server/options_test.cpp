@@ -105,6 +105,7 @@ TEST_F(Options, EveryOptionCanBeSetInEveryWay) {
                                                      {"catalog", DEFORM_WITH_POSTGRES ? "postgresql://db/x" : ""},
                                                      {"keep-free", "9MiB"},
                                                      {"max-stored-bases", "7GiB"},
+                                                     {"stored-bases-from", "32"},
                                                      {"memory-budget", "8GiB"},
                                                      {"cache-budget", "3GiB"},
                                                      {"workers", "5"},

@@ -133,7 +133,7 @@ class SharedBases : public SharedEngines {
  protected:
   SharedBases() {
     options.max_stored_bases = std::size_t{1} << 30;
-    options.stored_from_seconds = 0;
+    options.stored_from = std::chrono::milliseconds(0);
   }
   std::filesystem::path file_of(const std::string& system) const { return options.data_dir / "bases" / (system + ".basis"); }
 };
