@@ -119,11 +119,16 @@ Eigen::MatrixXd ConstrainedSolver::alternate(const Case& c, int most, Constraine
     const double rho = window.add(from, now.targets);
     const double step = rms(differences(from, now.targets));
     if (step == 0 || (window.size() > 0 && rho < 1 && step * rho / (1 - rho) <= options_.tolerance && step <= check_below)) {
-      Eigen::MatrixXd left = response(c, points_.weighted_sums(differences(now.targets, from)));
-      result.error = rms(points_.displacements(left));
+      // The cheaper estimate first. It leaves the shapes out, which may curve the objective downwards: then more is left.
+      result.error = rms(points_.displacements(response(c, points_.weighted_sums(differences(now.targets, from)))));
       if (result.error <= options_.tolerance) {
-        result.converged = true;
-        return left;
+        const Direction left = linearized_direction(now, c.context);
+        result.error = std::max(result.error, rms(points_.displacements(left.v)));
+        if (result.error <= options_.tolerance && left.end == GradientsEnd::converged) {
+          result.converged = true;
+          return left.v;
+        }
+        result.error = std::max(result.error, options_.tolerance);
       }
       check_below = step * std::max(0.1, std::min(0.9, options_.tolerance / result.error));
     }
@@ -228,6 +233,14 @@ ConstrainedSolver::Direction ConstrainedSolver::newton_direction(const Constrain
   }
   matrix = newton_at(at, context);
   result.v = solve_linearized(at, matrix.get(), force, direction_accuracy, context, most_gradient_steps, &result.end);
+  return result;
+}
+
+/// The same without a matrix of its own.
+ConstrainedSolver::Direction ConstrainedSolver::linearized_direction(const ConstrainedState& at,
+                                                                     const RunContext& context) const {
+  Direction result;
+  result.v = solve_linearized(at, nullptr, -gradient(at), direction_accuracy, context, most_gradient_steps, &result.end);
   return result;
 }
 

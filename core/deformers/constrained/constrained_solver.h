@@ -63,7 +63,7 @@ struct ConstrainedResult {
 ///  - The alternation of projections and GlobalStep is accelerated (Anderson 1965; window 5). An accelerated step that increases
 ///    the objective is replaced by the plain one, which never does. The iteration stops when step * rho / (1 - rho) <= tolerance,
 ///    where rho is the observed contraction of the plain map, and the displacement that the unbalanced forces can still cause is
-///    as small.
+///    as small: first without the shapes, then that of the Newton step, which is not made.
 ///  - After `patience` iterations without convergence, Newton steps follow as long as they decrease the objective, and then the
 ///    alternation again. Their systems are solved by conjugate gradients with the Gauss-Newton matrix (in the coefficients and
 ///    the parameters of the shapes) as preconditioner, which lacks only the curvature of the shapes. By default patience is the
@@ -125,6 +125,7 @@ class ConstrainedSolver {
   Eigen::MatrixXd response(const Case& c, Eigen::MatrixXd forces) const;
   Eigen::MatrixXd newton(const Case& c, ConstrainedResult& result, NewtonMatrix& matrix) const;
   Direction newton_direction(const ConstrainedState& at, NewtonMatrix& matrix, const RunContext& context) const;
+  Direction linearized_direction(const ConstrainedState& at, const RunContext& context) const;
   Eigen::MatrixXd gradient(const ConstrainedState& at) const;
   NewtonMatrix newton_at(const ConstrainedState& at, const RunContext& context) const;
   std::vector<Vec3> residual_change(const ConstrainedState& at, const std::vector<Vec3>& dx) const;

@@ -602,6 +602,13 @@ TEST(ContractOfConstraints, HoldsWhereNewtonsMethodGetsLost) {
   for (const std::uint64_t seed : {257, 557, 617}) check(seed, many_centres);
 }
 
+// An alternation that stops where the shapes curve the objective downwards: a way that leaves them out is a fifteenth of what is
+// left.
+TEST(ContractOfConstraints, HoldsWhereTheAlternationStops) { check(1637, many_centres); }
+
+// Hard handles: a design that does not converge in the first of several rounds lacks the others.
+TEST(ContractOfConstraints, HoldsWhereRoundsOfMultipliersAreMissing) { check(2797, many_centres); }
+
 INSTANTIATE_TEST_SUITE_P(Seeds, Contract, testing::Range<std::uint64_t>(0, shards));
 
 }  // namespace
