@@ -97,17 +97,36 @@ std::uint64_t socket_inode(int fd) {
   return fstat(fd, &about) == 0 && S_ISSOCK(about.st_mode) ? about.st_ino : 0;
 }
 
-/// The other end as gRPC writes it, but with the brackets of IPv6 as they are; empty for unix sockets.
+/// The other end as gRPC writes it, but with the brackets of IPv6 as they are; empty for unix sockets and what is closed.
 std::string peer_of(int fd) {
   sockaddr_storage address{};
   socklen_t size = sizeof(address);
   if (getpeername(fd, reinterpret_cast<sockaddr*>(&address), &size) != 0) return {};
   char host[NI_MAXHOST], port[NI_MAXSERV];
   const auto* name = reinterpret_cast<const sockaddr*>(&address);
+  // A socket for both families gives addresses of IPv4 in the form of IPv6.
+  if (const auto* v6 = reinterpret_cast<const sockaddr_in6*>(name);
+      name->sa_family == AF_INET6 && IN6_IS_ADDR_V4MAPPED(&v6->sin6_addr)) {
+    sockaddr_in v4{};
+    v4.sin_family = AF_INET;
+    v4.sin_port = v6->sin6_port;
+    std::memcpy(&v4.sin_addr, &v6->sin6_addr.s6_addr[12], sizeof(v4.sin_addr));
+    std::memcpy(&address, &v4, sizeof(v4));
+    size = sizeof(v4);
+  }
   if (getnameinfo(name, size, host, sizeof(host), port, sizeof(port), NI_NUMERICHOST | NI_NUMERICSERV) != 0) return {};
   if (name->sa_family == AF_INET) return std::string("ipv4:") + host + ":" + port;
   if (name->sa_family == AF_INET6) return std::string("ipv6:[") + host + "]:" + port;
   return {};
+}
+
+/// With the brackets of IPv6 as gRPC writes them, or as they are.
+std::string with_escaped_brackets(std::string peer, bool escaped) {
+  for (auto [written, plain] : {std::pair{"%5B", "["}, std::pair{"%5D", "]"}}) {
+    const char* const from = escaped ? plain : written;
+    if (const auto at = peer.find(from); at != std::string::npos) peer.replace(at, std::strlen(from), escaped ? written : plain);
+  }
+  return peer;
 }
 
 bool out_of_files(int error) { return error == EMFILE || error == ENFILE || error == ENOBUFS || error == ENOMEM; }
@@ -316,14 +335,11 @@ void Listener::note_refusal(const char* why) {
   complained_at_ = refused_;
 }
 
-void Listener::cut_off(const std::string& peer) {
-  std::string wanted = peer;
-  for (const auto& [escaped, bracket] : {std::pair{"%5B", "["}, std::pair{"%5D", "]"}}) {
-    if (const auto at = wanted.find(escaped); at != std::string::npos) wanted.replace(at, 3, bracket);
-  }
+void Listener::cut_off(const std::string& peer, const char* why) {
+  const std::string wanted = with_escaped_brackets(peer, false);
   const std::lock_guard lock(mutex_);
   for (const auto& [fd, connection] : open_) {
-    if (socket_inode(fd) == connection.inode && peer_of(fd) == wanted) close_now(fd, "it begins calls and resets them");
+    if (socket_inode(fd) == connection.inode && peer_of(fd) == wanted) close_now(fd, why);
   }
 }
 
@@ -339,24 +355,22 @@ std::vector<Listener::Connected> Listener::connections() {
   return open;
 }
 
-bool Listener::cut_off_busy(Busy which) {
+std::vector<Listener::Busy> Listener::busy() {
   constexpr std::uint64_t much = 8 << 10;  // so that nobody suffers who sends little
   const std::lock_guard lock(mutex_);
-  std::uint64_t most = 0;
-  bool any = false;
-  std::vector<std::pair<std::uint64_t, int>> news;
+  std::vector<Busy> out;
   for (auto& [fd, connection] : open_) {
     if (socket_inode(fd) != connection.inode) continue;
     const std::uint64_t received = received_bytes(fd);
-    news.emplace_back(received - std::exchange(connection.received, received), fd);
-    most = std::max(most, news.back().first);
+    const std::uint64_t bytes = received - std::exchange(connection.received, received);
+    if (bytes >= much) out.push_back({with_escaped_brackets(peer_of(fd), true), bytes, fd, connection.inode});
   }
-  for (const auto& [bytes, fd] : news) {
-    const bool busy = bytes >= much && (which == Busy::all || (which == Busy::busiest && 2 * bytes >= most));
-    any = any || busy;
-    if (busy) close_now(fd, "the process occupies more memory than it may, and this one goes on sending");
-  }
-  return any;
+  return out;
+}
+
+void Listener::cut_off(const Busy& connection, const char* why) {
+  const std::lock_guard lock(mutex_);
+  if (socket_inode(connection.fd) == connection.inode) close_now(connection.fd, why);
 }
 
 /// gRPC closes what has been shut down, after it has read what had come: that is dropped. Should it have closed the connection

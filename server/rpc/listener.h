@@ -58,11 +58,20 @@ class Listener {
   /// Accepts no more. Idempotent, not thread-safe.
   void stop();
 
-  /// Closes the connection of this peer, as gRPC writes it. Not those of unix sockets, which have no address. Any thread.
-  void cut_off(const std::string& peer);
-  enum class Busy { none, busiest, all };
-  /// Closes, of the connections that have received at least 8 KiB since the last call, those; whether there were any. Any thread.
-  bool cut_off_busy(Busy which);
+  /// Closes the connection of this peer, as gRPC writes it, and says why in the log. Not those of unix sockets, which have no
+  /// address. Any thread.
+  void cut_off(const std::string& peer, const char* why);
+  /// A connection that sends much.
+  struct Busy {
+    std::string peer;         ///< as gRPC writes it; empty for unix sockets
+    std::uint64_t bytes = 0;  ///< that it has received since the last call of busy(), or in all
+    int fd = -1;
+    std::uint64_t inode = 0;
+  };
+  /// Those that have received at least 8 KiB since the last call. Not those of unix sockets, which count no bytes. Any thread.
+  std::vector<Busy> busy();
+  /// Closes it, unless it is closed already. Any thread.
+  void cut_off(const Busy& connection, const char* why);
 
   /// More than so many are closed at once from now on; those that are open stay.
   void set_limit(std::size_t connections) { max_connections_ = connections; }
@@ -74,7 +83,7 @@ class Listener {
   std::vector<Connected> connections();
 
   std::uint64_t refused() const { return refused_; }        ///< connections beyond the limit so far
-  std::uint64_t cut_off_count() const { return cut_off_; }  ///< connections that cut_off() and cut_off_busy() closed so far
+  std::uint64_t cut_off_count() const { return cut_off_; }  ///< connections that cut_off() closed so far
 
  private:
   void bind_unix();

@@ -15,13 +15,17 @@
 #include <condition_variable>
 #include <limits>
 #include <mutex>
+#include <string>
 #include <thread>
+#include <unordered_set>
 #include <utility>
 #include <vector>
 
 #include "core/base/text.h"
 #include "server/engine/memory.h"
+#include "server/rpc/flood_guard.h"
 #include "server/rpc/listener.h"
+#include "server/rpc/live_calls.h"
 #include "server/rpc/operations_port.h"
 #include "server/rpc/option_text.h"
 #include "server/rpc/running_limits.h"
@@ -42,6 +46,8 @@ constexpr std::chrono::milliseconds shed_interval{200};
 constexpr std::chrono::seconds watch_patience{10};
 constexpr int watch_turns = 25;  ///< every so many of these the store and the identities are looked at
 constexpr double full_memory = 0.9;
+/// Why a connection is closed.
+constexpr char resets[] = "it begins calls and resets them";
 /// For the last messages to leave.
 constexpr std::chrono::milliseconds last_words{250};
 /// For a connection to speak HTTP/2 (and TLS).
@@ -152,7 +158,7 @@ class GrpcServer final : public RunningServer {
     server_ = builder.BuildAndStart();
     if (!server_) throw Error(ErrorCode::internal, "gRPC does not start a server");
     if (listener_) {
-      service_.on_flood([this](const std::string& peer) { listener_->cut_off(peer); });
+      service_.on_flood([this](const std::string& peer) { listener_->cut_off(peer, resets); });
       listener_->start([this](int fd) { hand_over(fd); });
     }
     if (port() > 0) address_ = options.address.substr(0, options.address.rfind(':') + 1) + std::to_string(port());
@@ -164,6 +170,7 @@ class GrpcServer final : public RunningServer {
     memory_start_ = resident_set_bytes();
     memory_limit_ = memory_start_ + static_cast<std::size_t>(full_memory * static_cast<double>(budget));
     memory_end_ = memory_start_ + budget;
+    most_live_calls_ = static_cast<std::uint64_t>(options.max_calls_per_connection) + FloodGuard::most_resets;
     watched_ = now();
     if (!options.metrics_address.empty()) open_operations_port(options.metrics_address);
     watch_ = std::thread([this, writable] { watch(writable); });  // last: what throws after it would leave it running
@@ -361,12 +368,34 @@ class GrpcServer final : public RunningServer {
     const bool growing = resident > shed_at_;
     const bool uncharged = resident > memory_start_ + engine_->info().memory_in_use() + budget / 2;
     shed_at_ = resident;
+    std::vector<Listener::Busy> busy = listener_->busy();
+    if (growing) cut_off_resetting(busy);
     const auto now = std::chrono::steady_clock::now();
     const bool settled = now - cut_off_ >= shed_interval;  // what closed connections have sent is still worked on
-    const bool any = listener_->cut_off_busy(resident > memory_end_            ? Listener::Busy::all
-                                             : growing && uncharged && settled ? Listener::Busy::busiest
-                                                                               : Listener::Busy::none);
-    if (any) cut_off_ = now;
+    const bool all = resident > memory_end_;
+    if (busy.empty() || !(all || (growing && uncharged && settled))) return;
+    std::uint64_t most = 0;
+    for (const Listener::Busy& one : busy) most = std::max(most, one.bytes);
+    for (const Listener::Busy& one : busy) {
+      if (all || 2 * one.bytes >= most) {
+        listener_->cut_off(one, "the process occupies more memory than it may, and this one goes on sending");
+      }
+    }
+    cut_off_ = now;
+  }
+
+  /// Those that have more calls than they may at once: they have reset the others, which gRPC holds until it finds the time to
+  /// clean up. FloodGuard sees a reset only then, too late for a flood that keeps all cores busy. They are taken out of `busy`.
+  void cut_off_resetting(std::vector<Listener::Busy>& busy) {
+    std::unordered_set<std::string> peers;
+    for (const Listener::Busy& one : busy) peers.insert(one.peer);
+    peers.erase("");
+    if (peers.empty()) return;
+    for (const auto& [peer, calls] : live_calls(peers)) {
+      if (calls <= most_live_calls_) continue;
+      listener_->cut_off(peer, resets);
+      std::erase_if(busy, [&peer = peer](const Listener::Busy& one) { return one.peer == peer; });
+    }
   }
 
   /// What the libraries have freed goes back to the system, too: asked for once a second while the process occupies more than is
@@ -424,9 +453,10 @@ class GrpcServer final : public RunningServer {
   std::atomic<std::chrono::steady_clock::rep> watched_{0};  ///< when the thread that watches came round last
   std::atomic<bool> draining_{false};
   bool engine_budgeted_ = false;
-  std::size_t memory_start_ = 0;  ///< resident bytes before the first call
-  std::size_t memory_limit_ = 0;  ///< from which on calls are refused
-  std::size_t memory_end_ = 0;    ///< and connections are closed
+  std::size_t memory_start_ = 0;       ///< resident bytes before the first call
+  std::size_t memory_limit_ = 0;       ///< from which on calls are refused
+  std::size_t memory_end_ = 0;         ///< and connections are closed
+  std::uint64_t most_live_calls_ = 0;  ///< of a connection
   // of the thread that watches
   std::size_t trimmed_ = 0;  ///< resident bytes after the allocator was last asked for what is free
   bool filling_ = false;     ///< more than a quarter of the budget is occupied

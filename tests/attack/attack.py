@@ -56,6 +56,7 @@ class Attack(unittest.TestCase):
     before, the honest client had every answer (in the long tests within a second), and all kinds of calls are answered still."""
 
     options = []
+    host = "127.0.0.1"
 
     @classmethod
     def setUpClass(cls):
@@ -69,8 +70,9 @@ class Attack(unittest.TestCase):
     def setUp(self):
         self.folder = tempfile.mkdtemp(prefix="deform-attack-")
         self.addCleanup(shutil.rmtree, self.folder, ignore_errors=True)
-        self.server = Server(self.folder, "--memory-budget", str(BUDGET), "--metrics-address", "127.0.0.1:0",
-                             *self.options).start()
+        self.server = Server(self.folder, "--memory-budget", str(BUDGET), "--metrics-address", "127.0.0.1:0", *self.options)
+        self.server.host = self.host
+        self.server.start()
         self.addCleanup(self.server.stop)
         self.connections = []
         self.addCleanup(lambda: [one.close() for one in self.connections])

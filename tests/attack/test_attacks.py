@@ -325,7 +325,10 @@ class Held(Attack):
 
 
 class Frames(Attack):
-    """What no client library sends."""
+    """What no client library sends, to a server that listens on all addresses of this machine."""
+
+    host = "0.0.0.0"
+    options = ["--insecure"]
 
     def flood(self, make, connections=4, seconds=4.0, most=10_000_000):
         """Each connection sends what make(connection) gives until it is cut off or time is up."""
@@ -367,6 +370,7 @@ class Frames(Attack):
         """90,000 calls that are cancelled in the same breath."""
         self.flood(lambda connection: self.resets(connection, "GetServerInfo", 500), connections=3, seconds=8 if LONG else 4,
                    most=30_000 * 150)
+        self.assertGreaterEqual(self.server.log_text().count("it begins calls and resets them"), 3)
 
     def test_a_connection_that_resets_all_its_calls_is_closed(self):
         """Slowly enough to cost little: 100 calls every 20 ms."""

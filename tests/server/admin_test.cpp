@@ -9,6 +9,7 @@
 
 #include "core/codec/geometry_id.h"
 #include "deform/v1/admin.grpc.pb.h"
+#include "server/rpc/live_calls.h"
 #include "tests/server/ended_with.h"
 #include "tests/server/service_fixture.h"
 
@@ -111,6 +112,26 @@ TEST_P(AdminCalls, APreparationIsListedAndCancelled) {
 TEST_P(AdminCalls, WhoHasTheAnswerOfACallDoesNotFindItListed) {
   begin();
   for (int i = 0; i < 500; ++i) ASSERT_EQ(list().calls_size(), 0) << "after " << i << " lists";
+}
+
+TEST_P(AdminCalls, GrpcSaysHowManyCallsAConnectionHas) {
+  if (GetParam() == support::Transport::in_process) GTEST_SKIP() << "no connection";
+  begin();
+  constexpr std::size_t uploads = 5;
+  std::vector<grpc::ClientContext> contexts(uploads);
+  std::vector<v1::GeometryInfo> infos(uploads);
+  std::vector<std::unique_ptr<grpc::ClientWriter<v1::RegisterGeometryRequest>>> writers;
+  for (std::size_t i = 0; i < uploads; ++i) writers.push_back(stub->RegisterGeometry(&contexts[i], &infos[i]));
+  const std::string peer = found("RegisterGeometry").peer();
+  const auto calls = [&] {
+    const auto live = live_calls({peer, "ipv4:127.0.0.1:1"});
+    return live.size() == 1 ? live.at(peer) : live.size();
+  };
+  EXPECT_TRUE(eventually([&] { return calls() == uploads; })) << calls();
+  for (std::size_t i = 1; i < uploads; ++i) contexts[i].TryCancel();
+  EXPECT_TRUE(eventually([&] { return calls() == 1; })) << calls() << " after the others were reset";
+  contexts[0].TryCancel();
+  for (const auto& writer : writers) EXPECT_THAT(writer->Finish(), EndedWith(StatusCode::CANCELLED));
 }
 
 TEST_P(AdminCalls, AnUploadThatStandsStillIsCancelled) {
