@@ -207,6 +207,16 @@ class Engine {
     return info;
   }
 
+  /// What became of the handle bases in the store since the start, and how much disk they take now.
+  struct StoredBasisCounts {
+    std::uint64_t restored = 0;  ///< systems that needed no preparation
+    std::uint64_t refused = 0;   ///< damaged, of another version of the program, or of another mesh or setup
+    std::uint64_t written = 0;
+    std::uint64_t not_written = 0;  ///< beyond a quota, or the disk did not take them
+    std::uint64_t bytes = 0;
+  };
+  virtual StoredBasisCounts stored_bases() { return {}; }
+
   // For the operator of the server.
   struct Evicted {
     std::size_t systems = 0, in_use = 0;  ///< of these, calls still compute with so many

@@ -58,6 +58,7 @@ class EngineImpl : public Engine {
   StoredAmount stored(const std::string& tenant) override { return store_->amount_of(tenant); }
   void give_back_idle_memory(std::size_t bytes) override;
   v1::StoreInfo store() override;
+  StoredBasisCounts stored_bases() override { return bases_.counts(); }
   Evicted evict(const std::string& id_or_prefix, const std::optional<std::string>& tenant) override;
   void set_queue_limit(std::size_t requests) override { scheduler_.set_queue_limit(requests); }
   void set_cache_budget(std::size_t bytes) override { cache_->set_budget(bytes); }

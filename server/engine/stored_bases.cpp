@@ -57,6 +57,10 @@ void StoredBases::keep(const OwnedId& id, const std::shared_ptr<const ResidentSy
   changed_.notify_all();
 }
 
+Engine::StoredBasisCounts StoredBases::counts() const {
+  return {restored_, refused_, written_, not_written_, store_.bases().bytes()};
+}
+
 bool StoredBases::wait_until_written(RunContext::Clock::time_point limit) {
   std::unique_lock lock(mutex_);
   return changed_.wait_until(lock, limit, [this] { return tasks_.empty() && !writing_; });
@@ -94,14 +98,17 @@ void StoredBases::write(const Task& task, const std::stop_token& stop) {
     files.put(
         task.id, bytes, [&](const BasisFiles::Sink& sink) { StoredBasis::write(source, sink); }, context);
     // What was deleted meanwhile does not come back.
+    ++written_;
     if (store_.catalog().setup_ids(task.id.tenant, task.id.id, 1).empty()) files.remove(task.id);
     spdlog::debug("engine: the basis of system {} is stored, {} bytes", key, bytes);
   } catch (const Error& error) {
     if (error.code() == ErrorCode::cancelled) return;
+    ++not_written_;
     spdlog::warn(
         "engine: the basis of system {} is not stored, so that the system is prepared again when it is not in memory: {}", key,
         error.what());
   } catch (const std::exception& error) {
+    ++not_written_;
     spdlog::warn("engine: the basis of system {} is not stored: {}", key, error.what());
   }
 }
@@ -132,6 +139,7 @@ std::shared_ptr<ResidentSystem> StoredBases::restore(const OwnedId& id, std::sha
     resident->extent = ResidentSystem::Extent::basis;
     resident->charge.shrink(resident->bytes());
     resident->memory_return.bytes = resident->charge.bytes();
+    ++restored_;
     spdlog::debug("engine: restored system {} from its basis", key);
     return resident;
   } catch (const Error& error) {
@@ -139,6 +147,7 @@ std::shared_ptr<ResidentSystem> StoredBases::restore(const OwnedId& id, std::sha
         error.code() == ErrorCode::deadline_exceeded) {
       throw;
     }
+    ++refused_;
     spdlog::warn("engine: the stored basis of system {} is of no use, the system is prepared: {}", key, error.what());
     if (error.code() != ErrorCode::data_loss) return nullptr;
     // Of another version of this program, or damaged.

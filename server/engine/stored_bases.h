@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
+#include <atomic>
 #include <condition_variable>
+#include <cstdint>
 #include <deque>
 #include <memory>
 #include <mutex>
@@ -9,6 +11,7 @@
 #include <thread>
 
 #include "core/base/run_context.h"
+#include "server/engine/engine.h"
 #include "server/engine/memory.h"
 #include "server/engine/system_cache.h"
 #include "server/store/store.h"
@@ -33,6 +36,8 @@ class StoredBases {
   std::shared_ptr<ResidentSystem> restore(const OwnedId& id, std::shared_ptr<ResidentSystem> resident, const RunContext& context);
   bool contains(const OwnedId& id) const { return store_.bases().wanted() && store_.bases().contains(id); }
 
+  Engine::StoredBasisCounts counts() const;
+
   /// True when everything is written before the time is over.
   bool wait_until_written(RunContext::Clock::time_point limit);
 
@@ -47,6 +52,7 @@ class StoredBases {
 
   Store& store_;
   MemoryBudget& memory_;
+  std::atomic<std::uint64_t> restored_{0}, refused_{0}, written_{0}, not_written_{0};
   std::mutex mutex_;
   // under mutex_
   std::condition_variable_any changed_;

@@ -127,6 +127,18 @@ void add_store(const v1::ServerInfo& info, std::vector<MetricFamily>& all) {
       gauge_of("deformd_store_unclaimed_files", "Files set aside in unclaimed/.", static_cast<double>(store.unclaimed_files())));
 }
 
+void add_bases(const Engine::StoredBasisCounts& bases, std::vector<MetricFamily>& all) {
+  all.push_back(gauge_of("deformd_bases_bytes", "Bytes of the handle bases in the store.", static_cast<double>(bases.bytes)));
+  all.push_back(counter_of("deformd_bases_restored_total",
+                           "Systems that were restored from their basis instead of being prepared.",
+                           static_cast<double>(bases.restored)));
+  all.push_back(counter_of("deformd_bases_refused_total", "Bases that were damaged, or of another version of the server.",
+                           static_cast<double>(bases.refused)));
+  all.push_back(counter_of("deformd_bases_written_total", "Bases that were written.", static_cast<double>(bases.written)));
+  all.push_back(counter_of("deformd_bases_not_written_total", "Bases that a quota or the disk did not take.",
+                           static_cast<double>(bases.not_written)));
+}
+
 void add_process(const Metrics::Levels& levels, std::vector<MetricFamily>& all) {
   all.push_back(counter_of("process_cpu_seconds_total", "Processor time of the process.", processor_seconds()));
   all.push_back(gauge_of("process_open_fds", "Open files of the process, connections among them.", open_files()));
@@ -205,6 +217,7 @@ std::string Metrics::text(const Levels& levels) const {
   add_cache(levels.server, all);
   add_memory(levels, all);
   add_store(levels.server, all);
+  add_bases(levels.bases, all);
   add_process(levels, all);
   return prometheus::TextSerializer().Serialize(all);
 }

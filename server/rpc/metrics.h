@@ -30,6 +30,7 @@ class Metrics {
   /// What is looked at when somebody asks.
   struct Levels {
     v1::ServerInfo server;
+    Engine::StoredBasisCounts bases;
     bool memory_full = false;
     std::size_t held_request_bytes = 0;
     std::uint64_t refused_connections = 0;

@@ -312,6 +312,7 @@ class GrpcServer final : public RunningServer {
   std::string metrics_text() const {
     Metrics::Levels levels;
     levels.server = engine_->info();
+    levels.bases = engine_->stored_bases();
     levels.memory_full = service_.memory_full();
     levels.max_connections = connection_limit_;
     levels.held_request_bytes = service_.held_request_bytes();

@@ -95,6 +95,9 @@ TEST_F(StoredBasesTest, a_restarted_server_serves_designs_without_preparing_with
   EXPECT_FALSE(after.summary.prepared_again());
   EXPECT_EQ(engine->info().systems_resident(), 1u);
   EXPECT_LT(engine->info().cache_bytes(), bytes) << "without its factor";
+  EXPECT_EQ(engine->stored_bases().restored, 1u);
+  EXPECT_EQ(engine->stored_bases().written, 0u) << "since it started";
+  EXPECT_EQ(engine->stored_bases().bytes, fs::file_size(file_of(system)));
   expect_same(derivative, jacobian_vector(product));
   EXPECT_EQ(gradient, vector_jacobian(header, mesh.points));
   EXPECT_EQ(basis, compiled(system));
@@ -175,6 +178,9 @@ TEST_F(StoredBasesTest, a_damaged_basis_is_set_aside_and_made_again) {
     expect_same(before, after);
     EXPECT_EQ(engine->store().damaged_files(), static_cast<std::uint64_t>(++damages));
     ASSERT_TRUE(is_stored(system)) << "again";
+    EXPECT_EQ(engine->stored_bases().refused, 1u);
+    EXPECT_TRUE(eventually([&] { return engine->stored_bases().written == 1; }));
+    EXPECT_EQ(engine->stored_bases().restored, 0u);
     EXPECT_EQ(engine->check_store({}).outcome, StoreReport::Outcome::well);
     restart();
     EXPECT_FALSE(deform(designs(system)).summary.prepared_again());
@@ -287,6 +293,7 @@ TEST_F(StoredBasesTest, it_is_kept_within_the_quota_of_its_tenant) {
   register_mesh(mesh);
   call.quota.stored_bytes = engine->stored(default_tenant).bytes + 10'000;
   const std::string system = prepare(sheet_setup(id), call).id();
+  EXPECT_TRUE(eventually([&] { return engine->stored_bases().not_written == 1; }));
   restart();
   EXPECT_EQ(files(), 0u);
   EXPECT_TRUE(deform(designs(system), call).summary.prepared_again());

@@ -90,6 +90,7 @@ TEST(Metrics, LevelsAreThoseOfTheMoment) {
   levels.server.set_memory_budget(1u << 20);
   levels.server.set_queue_length(7);
   levels.server.mutable_store()->set_free_bytes(4096);
+  levels.bases = {11, 12, 13, 14, 15};
   levels.memory_full = true;
   levels.held_request_bytes = 12345;
   levels.refused_connections = 3;
@@ -101,6 +102,11 @@ TEST(Metrics, LevelsAreThoseOfTheMoment) {
   EXPECT_THAT(text, HasSubstr("deformd_queue_length 7\n"));
   EXPECT_THAT(text, HasSubstr("deformd_store_free_bytes 4096\n"));
   EXPECT_THAT(text, HasSubstr("deformd_store_writable 0\n"));
+  EXPECT_THAT(text, HasSubstr("deformd_bases_restored_total 11\n"));
+  EXPECT_THAT(text, HasSubstr("deformd_bases_refused_total 12\n"));
+  EXPECT_THAT(text, HasSubstr("deformd_bases_written_total 13\n"));
+  EXPECT_THAT(text, HasSubstr("deformd_bases_not_written_total 14\n"));
+  EXPECT_THAT(text, HasSubstr("deformd_bases_bytes 15\n"));
   EXPECT_THAT(text, HasSubstr("deformd_memory_full 1\n"));
   EXPECT_THAT(text, HasSubstr("deformd_requests_held_bytes 12345\n"));
   EXPECT_THAT(text, HasSubstr("deformd_connections_refused_total 3\n"));

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "core/base/error.h"
+#include "core/base/version.h"
 #include "core/deformers/handles/handle_system.h"
 
 namespace deform {
@@ -15,7 +16,7 @@ namespace deform {
 namespace {
 
 /// Another one whenever bytes that were written before would mean something else: then they are not read any more.
-constexpr std::array<char, 16> layout_tag{"deform.basis.1"};
+constexpr std::array<char, 16> layout_tag{"deform.basis.2"};
 
 [[noreturn]] void refuse_bytes(const std::string& why) { throw Error(ErrorCode::data_loss, "stored basis: " + why); }
 
@@ -185,6 +186,7 @@ const HandleSystem* StoredBasis::source(const System& system) {
 void StoredBasis::write(const HandleSystem& system, const Sink& sink) {
   Out out(sink);
   out.value(layout_tag);
+  out.array(std::string(version()));
   visit_info(out, system.info_);
   out.value(system.box_);
   out.array(system.frames_);
@@ -203,6 +205,11 @@ StoredBasis StoredBasis::read(compiled::ByteSource& from) {
   std::array<char, 16> tag{};
   in.value(tag);
   if (tag != layout_tag) refuse_bytes("of another layout");
+  // The same setup may have other bits in another version.
+  std::string writer;
+  in.array(writer);
+  if (writer != version())
+    refuse_bytes("of version " + writer.substr(0, 32) + " of this program, which has version " + version());
   StoredBasis result;
   visit_info(in, result.info);
   in.value(result.box);

@@ -7,6 +7,7 @@
 #include <cstring>
 #include <random>
 
+#include "core/base/version.h"
 #include "core/deformers/compiled_form.h"
 #include "core/deformers/mirrored_system.h"
 #include "core/deformers/space_map.h"
@@ -256,6 +257,10 @@ TEST(StoredForm, RefusesAnotherMeshAnotherSetupAndBytesThatAreNone) {
   auto other_layout = bytes;
   other_layout[13] = std::byte{'9'};
   expect_error(ErrorCode::data_loss, {"layout"}, [&] { restored(mesh, setup, other_layout); });
+  auto other_version = bytes;
+  other_version[16 + sizeof(std::uint64_t)] = std::byte{'9'};
+  expect_error(ErrorCode::data_loss, {"version 9", "which has version " + std::string(version())},
+               [&] { restored(mesh, setup, other_version); });
   std::mt19937_64 random(3);
   for (int i = 0; i < 300; ++i) {
     auto hostile = bytes;
