@@ -47,6 +47,12 @@ CompiledForm::CompiledForm(const std::shared_ptr<const System>& system)
   }
   if (!system_->has_basis()) refuse_form(system_->without_basis());
   check_sector();
+  if (system_->held_mesh_ != system_->mesh_ && !system_->regions_.symmetry.empty()) {
+    refuse_form(
+        "with symmetry planes mirror images of control points move with them, which is checked for each design; compile the "
+        "whole "
+        "model, or evaluate on the server");
+  }
   if (setup.variables.empty()) refuse_form("its setup has no design variables");
   const SystemInfo& info = system_->info();
   content_.method = with_method(setup, []<Method M>(const typename M::Options&) { return std::string(M::name); });

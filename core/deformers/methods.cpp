@@ -53,7 +53,11 @@ void validate_method(const Setup& setup, const Mesh& mesh, Problems& problems) {
       }
     });
     problems.check("method", [&] {
-      if (setup.symmetry.empty() || M::features.symmetry) return;
+      if (setup.symmetry.empty()) return;
+      if (selects_controls(setup) && has_sector(setup)) {
+        refuse("symmetry[0].sector", "sectors with control CONTROLS", "motions of control points that are periodic themselves");
+      }
+      if (keeps_symmetry(setup)) return;
       if (selects_controls(setup)) {
         refuse("symmetry", "symmetry planes with control CONTROLS", "motions of control points that are symmetric themselves");
       }
@@ -91,9 +95,19 @@ bool selects_controls(const Setup& setup) {
   });
 }
 
-ControlSet controls_of(const Setup& setup, const Mesh& mesh) {
+bool keeps_symmetry(const Setup& setup) {
+  return with_method(setup, []<Method M>([[maybe_unused]] const typename M::Options& options) {
+    if constexpr (requires { M::keeps_symmetry(options); }) {
+      return M::features.symmetry || M::keeps_symmetry(options);
+    } else {
+      return M::features.symmetry;
+    }
+  });
+}
+
+ControlSet controls_of(const Setup& setup, const Mesh& mesh, const Symmetry& symmetry) {
   return with_method(setup, [&]<Method M>([[maybe_unused]] const typename M::Options& options) {
-    if constexpr (requires { M::controls(options, mesh); }) return M::controls(options, mesh);
+    if constexpr (requires { M::controls(options, mesh, symmetry); }) return M::controls(options, mesh, symmetry);
     return ControlSet{};
   });
 }

@@ -48,10 +48,13 @@ decltype(auto) with_method(SetupType& setup, const Use& use) {
 void validate_method(const Setup& setup, const Mesh& mesh, Problems& problems);
 
 /// Whether handles and fixed regions of the setup select control points. A method that supports this has `static bool
-/// selects_controls(const Options&)` and `static ControlSet controls(const Options&, const Mesh&)`.
+/// selects_controls(const Options&)` and `static ControlSet controls(const Options&, const Mesh&, const Symmetry&)`.
 bool selects_controls(const Setup& setup);
-/// The control points of a setup with valid options.
-ControlSet controls_of(const Setup& setup, const Mesh& mesh);
+/// The control points of a setup with valid options; `symmetry` is that of the setup.
+ControlSet controls_of(const Setup& setup, const Mesh& mesh, const Symmetry& symmetry);
+/// Whether the method of the setup has symmetry planes of its own: MethodFeatures::symmetry, or with these options
+/// `static bool keeps_symmetry(const Options&)`.
+bool keeps_symmetry(const Setup& setup);
 
 /// The points that become centres of an RBF system, ascending. std::nullopt for other methods, and if the preparation chooses
 /// them (INCREMENTAL_QR). Of a composed setup those of its methods that know them. Throws what validate() throws.

@@ -141,10 +141,7 @@ constexpr const char* leaves_plane =
 
 }  // namespace
 
-bool is_mirrored(const Setup& setup) {
-  return !setup.symmetry.empty() &&
-         with_method(setup, []<Method M>(const typename M::Options&) { return !M::features.symmetry; });
-}
+bool is_mirrored(const Setup& setup) { return !setup.symmetry.empty() && !keeps_symmetry(setup); }
 
 /// Designs bound to a MirroredSystem, or its derivative.
 class MirroredEvaluation : public Evaluation {

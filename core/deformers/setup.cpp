@@ -153,7 +153,13 @@ class HeldRegions {
       : mesh_(mesh), context_(context), method_known_(!problems.concern("method")) {
     if (!selects_controls(setup)) return;
     of_ = SelectedRegions::Of::control_points;
-    if (method_known_) controls_ = controls_of(setup, mesh);
+    if (!method_known_) return;
+    try {
+      controls_ = controls_of(setup, mesh, Symmetry(setup.symmetry, mesh));
+    } catch (const Error& error) {
+      if (error.code() != ErrorCode::invalid_argument) throw;
+      method_known_ = false;  // planes that are wrong are refused later
+    }
   }
 
   SelectedRegions::Of of() const { return of_; }
@@ -173,7 +179,7 @@ class HeldRegions {
   const Mesh& mesh_;
   const RunContext& context_;
   SelectedRegions::Of of_ = SelectedRegions::Of::mesh_points;
-  const bool method_known_;
+  bool method_known_;
   ControlSet controls_;
 };
 

@@ -18,7 +18,7 @@ struct CageMethod {
   static constexpr MethodFeatures features{.symmetry = false, .constraints = false};
   static void validate(const CageOptions& options, const Setup& setup, const Mesh& mesh);
   static bool selects_controls(const CageOptions& options) { return options.control == CageControl::controls; }
-  static ControlSet controls(const CageOptions& options, const Mesh&) { return {options.vertices.size()}; }
+  static ControlSet controls(const CageOptions& options, const Mesh&, const Symmetry&) { return {options.vertices.size()}; }
   /// A cage has no centres.
   static std::optional<std::vector<PointId>> known_centres(const CageOptions&, const Mesh&, const SelectedRegions&) {
     return std::nullopt;

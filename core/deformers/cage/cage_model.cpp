@@ -123,7 +123,7 @@ ControlModel cage_model(const CageOptions& options, const std::shared_ptr<const 
   model.rounding = cage_rounding;
   model.reach = ControlModel::Reach::everywhere;
   const auto rows = std::make_shared<const CageRows>(std::move(cage), mesh);
-  model.rows = rows;
+  model.images.push_back({0, rows, {}});
   model.in_space = rows;
   return model;
 }

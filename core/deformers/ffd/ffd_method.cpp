@@ -11,6 +11,7 @@
 #include "core/deformers/ffd/clamped_inverse.h"
 #include "core/deformers/ffd/damped_inverse.h"
 #include "core/deformers/ffd/direct_system.h"
+#include "core/deformers/ffd/lattice_images.h"
 #include "core/deformers/handles/control_system.h"
 #include "core/deformers/option_checks.h"
 
@@ -21,18 +22,6 @@ namespace {
 using ByEnergy = EnergyMethod<FfdOptions>;
 
 const char* name_of(FfdControl control) { return control == FfdControl::mesh ? "MESH" : "CONTROLS"; }
-
-ControlModel control_model(const FfdOptions& options, const Mesh& mesh, const RunContext& context) {
-  ModelLattice made = control_lattice(mesh, options.lattice, context);
-  auto controls = std::make_shared<Mesh>();
-  controls->points = options.lattice.control_points.empty() ? made.lattice.control_points() : options.lattice.control_points;
-  std::vector<Vec3> crossings = boundary_crossings(mesh, options.lattice, made);
-  ControlModel model{std::move(controls), made.rows, made.in_space, std::move(made.notes), std::move(made.outside), nullptr};
-  if (!crossings.empty()) {
-    model.crossings = std::make_shared<const LatticeRows>(made.lattice, LatticeCoordinates{std::move(crossings), {}});
-  }
-  return model;
-}
 
 Estimate estimate_mesh(const FfdOptions& options, const Mesh& mesh, const SelectedRegions& regions) {
   const ConstraintPoints points = constraint_points(mesh, regions);
@@ -80,15 +69,17 @@ void FfdMethod::validate(const FfdOptions& options, const Setup& setup, const Me
   }
 }
 
-ControlSet FfdMethod::controls(const FfdOptions& options, const Mesh& mesh) {
-  const Lattice lattice = lattice_of(options.lattice, mesh);
+ControlSet FfdMethod::controls(const FfdOptions& options, const Mesh& mesh, const Symmetry& symmetry) {
+  const Lattice lattice = lattice_of(whole_lattice(options.lattice, mesh, symmetry), mesh);
   return {lattice.size(), {{lattice.axis(0).size(), lattice.axis(1).size(), lattice.axis(2).size()}}};
 }
 
 Estimate FfdMethod::estimate(const FfdOptions& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions) {
   if (options.control == FfdControl::energy) return ByEnergy::estimate(options, mesh, setup, regions);
   if (options.control == FfdControl::controls) {
-    return estimate_controls(mesh, control_model(options, mesh, {}), options, regions);
+    const ControlModel model = lattice_controls(options.lattice, mesh, regions.symmetry, {});
+    check_images(model, setup, regions);
+    return estimate_controls(mesh, model, options, regions);
   }
   return estimate_mesh(options, mesh, regions);
 }
@@ -97,8 +88,9 @@ std::shared_ptr<const System> FfdMethod::prepare(const FfdOptions& options, cons
                                                  const Setup& setup, const RunContext& context, std::size_t memory_budget) {
   if (options.control == FfdControl::energy) return ByEnergy::prepare(options, mesh, setup, context, memory_budget);
   if (options.control == FfdControl::controls) {
-    validate(options, setup, *mesh);
-    return std::make_shared<const ControlSystem>(mesh, setup, control_model(options, *mesh, context), options, context);
+    const Symmetry symmetry = deform::validate(setup, *mesh).symmetry;
+    return std::make_shared<const ControlSystem>(mesh, setup, lattice_controls(options.lattice, *mesh, symmetry, context),
+                                                 options, context);
   }
   const auto make = [&](const std::vector<RegionIndex>& region_of) {
     ModelLattice made = model_lattice(*mesh, options.lattice, region_of, context);

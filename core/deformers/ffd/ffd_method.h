@@ -20,7 +20,9 @@ struct FfdMethod {
   /// Rejects constraints unless control is FfdControl::energy, and moved control points if it is.
   static void validate(const FfdOptions& options, const Setup& setup, const Mesh& mesh);
   static bool selects_controls(const FfdOptions& options) { return options.control == FfdControl::controls; }
-  static ControlSet controls(const FfdOptions& options, const Mesh& mesh);
+  static ControlSet controls(const FfdOptions& options, const Mesh& mesh, const Symmetry& symmetry);
+  /// Handles that move control points do so with the mirror images of these.
+  static bool keeps_symmetry(const FfdOptions& options) { return selects_controls(options); }
   /// Free-form deformation has no centres.
   static std::optional<std::vector<PointId>> known_centres(const FfdOptions&, const Mesh&, const SelectedRegions&) {
     return std::nullopt;

@@ -3,7 +3,9 @@
 
 #include <algorithm>
 #include <atomic>
+#include <numeric>
 #include <string>
+#include <utility>
 
 #include "core/base/number_text.h"
 #include "core/base/vectors.h"
@@ -38,7 +40,7 @@ void ControlEvaluation::move_controls(const RunContext& context) {
     controls_[i] = system_.displacements(designs_[i], kind_);
     double largest = 0;
     for (const Vec3& u : controls_[i]) largest = std::max(largest, norm(u));
-    set_error(i, system_.model_.rounding * largest);
+    set_error(i, system_.rounding() * largest);
   });
 }
 
@@ -72,9 +74,15 @@ void ControlEvaluation::direct_tile(std::size_t tile, std::size_t first, std::si
   std::vector<Vec3> sums(count);
   std::fill_n(values, 3 * count * tile_size, 0.0);
   for (std::size_t s = begin; s < end; ++s) {
-    system_.model_.rows->sums(ids[s], vectors, sums.data());
-    for (std::size_t d = 0; d < count; ++d) {
-      for (std::size_t k = 0; k < 3; ++k) values[(3 * d + k) * tile_size + s - begin] = sums[d][k];
+    for (const ControlImage& image : system_.model_.images) {
+      if (!image.rows) continue;
+      image.rows->sums(ids[s], vectors, sums.data());
+      const unsigned planes = image.planes_of(ids[s]);
+      for (std::size_t d = 0; d < count; ++d) {
+        for (std::size_t k = 0; k < 3; ++k) {
+          values[(3 * d + k) * tile_size + s - begin] += (planes >> k & 1u) != 0 ? -sums[d][k] : sums[d][k];
+        }
+      }
     }
   }
 }
@@ -83,10 +91,47 @@ SpaceMap::Told ControlEvaluation::displacements_at(std::span<const Vec3> points,
                                                    const RunContext& context) const {
   std::atomic<std::size_t> still = 0;
   parallel_for(context, points.size(), places_per_task, [&](std::size_t begin, std::size_t end) {
-    const auto some = points.subspan(begin, end - begin);
-    still += system_.model_.in_space->sums(some, first + begin, controls_[0].data(), out.data() + begin).size();
+    still += add_images(points.subspan(begin, end - begin), first + begin, out.subspan(begin, end - begin));
   });
   return {still, 0};
+}
+
+/// The first of the images in matched planes in which a place has functions counts, as for points of the mesh.
+std::size_t ControlEvaluation::add_images(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out) const {
+  const ControlModel& model = system_.model_;
+  const Symmetry& symmetry = system_.regions_.symmetry;
+  const unsigned matched = model.matched_planes();
+  std::fill(out.begin(), out.end(), Vec3{});
+  std::vector<bool> reached(points.size(), false);
+  for (const ControlImage& image : model.images) {
+    std::vector<std::size_t> left(points.size());
+    std::iota(left.begin(), left.end(), std::size_t{0});
+    for (unsigned planes = 0; planes <= matched && !left.empty(); ++planes) {
+      if ((planes & ~matched) != 0) continue;
+      const unsigned mask = planes | image.planes;
+      // With their numbers in messages: runs of places that follow each other.
+      std::vector<std::size_t> outside;
+      for (std::size_t at = 0; at < left.size();) {
+        std::size_t run = at + 1;
+        while (run < left.size() && left[run] == left[run - 1] + 1) ++run;
+        std::vector<Vec3> places, sums(run - at);
+        for (std::size_t i = at; i < run; ++i) places.push_back(symmetry.image(points[left[i]], mask));
+        std::vector<bool> none(run - at, false);
+        for (const std::size_t i : model.in_space->sums(places, first + left[at], controls_[0].data(), sums.data())) {
+          none[i] = true;
+          outside.push_back(left[at + i]);
+        }
+        for (std::size_t i = at; i < run; ++i) {
+          if (none[i - at]) continue;
+          reached[left[i]] = true;
+          for (std::size_t k = 0; k < 3; ++k) out[left[i]][k] += (mask >> k & 1u) != 0 ? -sums[i - at][k] : sums[i - at][k];
+        }
+        at = run;
+      }
+      left = std::move(outside);
+    }
+  }
+  return static_cast<std::size_t>(std::count(reached.begin(), reached.end(), false));
 }
 
 }  // namespace deform

@@ -24,6 +24,9 @@ class ControlEvaluation : public HandleEvaluation {
   SpaceMap::Told displacements_at(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
                                   const RunContext& context) const override;
 
+  /// Adds the displacements of places up over their images; returns how many places have no functions in any.
+  std::size_t add_images(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out) const;
+
   const ControlSystem& system_;
   std::vector<std::vector<Vec3>> controls_;  ///< displacements of the control points for each design on the direct path
 };

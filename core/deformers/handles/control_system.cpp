@@ -3,11 +3,14 @@
 
 #include <algorithm>
 #include <atomic>
+#include <cmath>
 #include <utility>
 
+#include "core/base/number_text.h"
 #include "core/base/parallel.h"
 #include "core/base/vectors.h"
 #include "core/deformers/handles/control_evaluation.h"
+#include "core/deformers/option_checks.h"
 
 namespace deform {
 
@@ -16,6 +19,7 @@ namespace {
 constexpr std::size_t control_tiles_per_task = 64, mesh_points_per_task = 2048;
 constexpr std::size_t listed_handles = 5;
 constexpr double seconds_per_value = 3e-9;  // of a function at a point
+constexpr double image_agreement = 1e-9;    // of the motions of control points that are images of each other
 
 std::size_t first_row_count(const ComputedRows& rows) {
   std::size_t most = 0;
@@ -23,7 +27,72 @@ std::size_t first_row_count(const ComputedRows& rows) {
   return most;
 }
 
+/// A vector in the frame of the planes, reflected in some of them.
+Vec3 reflected(Vec3 components, unsigned planes) {
+  for (std::size_t k = 0; k < 3; ++k) {
+    if ((planes >> k & 1u) != 0) components[k] = -components[k];
+  }
+  return components;
+}
+
+double parity(int odd, unsigned planes) { return odd >= 0 && (planes >> odd & 1u) != 0 ? -1 : 1; }
+
+/// Bases that the components of a displacement need apart: those along normals of planes one each, the others share one.
+std::size_t part_count(const Symmetry& symmetry) { return symmetry.planes() + (symmetry.planes() < 3 ? 1 : 0); }
+
+std::string handle_text(std::uint32_t control, std::size_t handle, const Setup& setup) {
+  return std::to_string(control) + " (handle \"" + setup.handles[handle].name + "\")";
+}
+
+/// "symmetry[0]" or "symmetry[0] and symmetry[1]".
+std::string plane_text(unsigned planes) {
+  std::string text;
+  for (std::size_t k = 0; k < 3; ++k) {
+    if ((planes >> k & 1u) != 0) text += (text.empty() ? "" : " and ") + std::string("symmetry[") + std::to_string(k) + "]";
+  }
+  return text;
+}
+
 }  // namespace
+
+std::size_t ControlModel::row_bytes() const {
+  std::size_t bytes = 0;
+  for (const ControlImage& image : images) bytes += (image.rows ? image.rows->bytes() : 0) + image.reflected.size();
+  for (const auto& match : matches) bytes += match.size() * sizeof(std::uint32_t);
+  return bytes;
+}
+
+unsigned ControlModel::matched_planes() const {
+  unsigned planes = 0;
+  for (std::size_t k = 0; k < matches.size(); ++k) planes |= matches[k].empty() ? 0u : 1u << k;
+  return planes;
+}
+
+std::uint32_t ControlModel::image_of(std::uint32_t control, unsigned planes) const {
+  for (std::size_t k = 0; k < matches.size() && control != no_control; ++k) {
+    if ((planes >> k & 1u) != 0) control = matches[k][control];
+  }
+  return control;
+}
+
+void check_images(const ControlModel& model, const Setup& setup, const SelectedRegions& regions) {
+  const unsigned matched = model.matched_planes();
+  if (matched == 0) return;
+  std::vector<bool> fixed(model.controls->point_count(), false);
+  for (const PointId p : regions.fixed) fixed[p] = true;
+  for (std::size_t h = 0; h < regions.handles.size(); ++h) {
+    for (const PointId p : regions.handles[h]) {
+      for (unsigned planes = 1; planes <= matched; ++planes) {
+        if ((planes & ~matched) != 0) continue;
+        const std::uint32_t q = model.image_of(p, planes);
+        if (q == ControlModel::no_control || !fixed[q]) continue;
+        refuse_argument("handle \"" + setup.handles[h].name + "\": control point " + std::to_string(p) +
+                        " moves, but its mirror image in " + plane_text(planes) + ", control point " + std::to_string(q) +
+                        ", is in a fixed region; take either of them out with `difference`");
+      }
+    }
+  }
+}
 
 ControlSystem::ControlSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, ControlModel model,
                              const EnergyOptions& options, const RunContext& context)
@@ -33,6 +102,8 @@ ControlSystem::ControlSystem(std::shared_ptr<const Mesh> mesh, const Setup& setu
   for (std::size_t p = 0; p < fields_.size(); ++p) {
     if (moves(p)) fields_[p] = handle_fields(points_.region_of[p], static_cast<PointId>(p));
   }
+  check_images(model_, setup_, regions_);
+  find_sources();
   idle_ = idle_handles(context);
   end_stage("select");
   prepare_basis(options, context);
@@ -45,31 +116,56 @@ std::vector<std::string> ControlSystem::idle_handles(const RunContext& context) 
   std::vector<std::atomic<bool>> reaches(fields_.size());
   parallel_for(context, mesh_->point_count(), mesh_points_per_task, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
-      model_.rows->for_each(static_cast<std::int64_t>(i), [&](std::int64_t p, double value) {
-        std::atomic<bool>& known = reaches[static_cast<std::size_t>(p)];
+      for_each_image(static_cast<PointId>(i), [&](std::size_t p, double value, unsigned) {
+        std::atomic<bool>& known = reaches[p];
         if (value != 0 && !known.load(std::memory_order_relaxed)) known.store(true, std::memory_order_relaxed);
       });
     }
   });
+  std::vector<bool> works(fields_.size(), false);
+  for (std::size_t p = 0; p < fields_.size(); ++p) {
+    for (const Source& source : sources(p)) works[source.control] = works[source.control] || reaches[p].load();
+  }
   std::vector<std::string> names;
   for (std::size_t h = 0; h < regions_.handles.size(); ++h) {
     const auto& controls = regions_.handles[h];
-    const bool any = std::any_of(controls.begin(), controls.end(), [&](PointId p) { return reaches[p].load(); });
+    const bool any = std::any_of(controls.begin(), controls.end(), [&](PointId p) { return works[p]; });
     if (!any) names.push_back(setup_.handles[h].name);
   }
   return names;
 }
 
+void ControlSystem::find_sources() {
+  const unsigned matched = model_.matched_planes();
+  for (std::uint32_t p = 0; p < fields_.size(); ++p) {
+    first_source_.push_back(sources_.size());
+    for (unsigned planes = 0; planes <= matched; ++planes) {
+      if ((planes & ~matched) != 0) continue;
+      const std::uint32_t q = model_.image_of(p, planes);
+      if (q != ControlModel::no_control && moves(q)) sources_.push_back({q, planes});
+    }
+  }
+  first_source_.push_back(sources_.size());
+}
+
 void ControlSystem::prepare_basis(const EnergyOptions& options, const RunContext& context) {
-  const std::size_t bytes = HandleBasis::bytes_for(following().size(), fields(), options.basis_tolerance);
+  const Symmetry& symmetry = regions_.symmetry;
+  const std::size_t bytes = part_count(symmetry) * HandleBasis::bytes_for(following().size(), fields(), options.basis_tolerance);
   if (!wants_basis(options.basis, bytes, 0)) return;
   context.progress("basis", 0);
-  HandleBasis basis{{0, 1, 2}, FieldTiles(following().size(), fields()), std::vector<double>(fields(), 0.0)};
+  std::vector<std::size_t> others;
+  for (std::size_t k = symmetry.planes(); k < 3; ++k) others.push_back(k);
+  if (!others.empty()) add_part(std::move(others), -1, options.basis_tolerance, context);
+  for (std::size_t k = 0; k < symmetry.planes(); ++k) add_part({k}, static_cast<int>(k), options.basis_tolerance, context);
+}
+
+void ControlSystem::add_part(std::vector<std::size_t> components, int odd, double tolerance, const RunContext& context) {
+  HandleBasis basis{std::move(components), FieldTiles(following().size(), fields()), std::vector<double>(fields(), 0.0)};
   basis.more.assign(fields(), 0.0);
   for (std::size_t p = 0; p < fields_.size(); ++p) {
     for (std::size_t f = 0; f < 4 && moves(p); ++f) {
       double& error = basis.more[first_field(p) + f];
-      error = std::max(error, model_.rounding * std::abs(fields_[p][f]));
+      error = std::max(error, rounding() * std::abs(fields_[p][f]));
     }
   }
   parallel_for(context, tile_count(following().size()), control_tiles_per_task, [&](std::size_t begin, std::size_t end) {
@@ -78,27 +174,35 @@ void ControlSystem::prepare_basis(const EnergyOptions& options, const RunContext
       std::fill_n(out, fields() * tile_size, 0.0);
       const std::size_t last = std::min((t + 1) * tile_size, following().size());
       for (std::size_t s = t * tile_size; s < last; ++s) {
-        model_.rows->for_each(following()[s], [&](std::int64_t column, double value) {
-          const auto p = static_cast<std::size_t>(column);
-          if (!moves(p)) return;
-          double* const at = out + first_field(p) * tile_size + s % tile_size;
-          for (std::size_t f = 0; f < 4; ++f) at[f * tile_size] += value * fields_[p][f];
+        for_each_image(following()[s], [&](std::size_t p, double value, unsigned planes) {
+          const std::span<const Source> from = sources(p);
+          if (from.empty()) return;
+          const double share = value * parity(odd, planes) / static_cast<double>(from.size());
+          for (const Source& source : from) {
+            double* const at = out + first_field(source.control) * tile_size + s % tile_size;
+            const double weight = share * parity(odd, source.planes);
+            for (std::size_t f = 0; f < 4; ++f) at[f * tile_size] += weight * fields_[source.control][f];
+          }
         });
       }
     }
   });
-  add_basis(std::move(basis), options.basis_tolerance, context);
+  add_basis(std::move(basis), tolerance, context);
 }
 
 void ControlSystem::fill_info() {
   info_.solver = Solver::automatic;  // nothing is solved
   info_.samples = info_.functions = fields_.size();
   const std::size_t crossings = model_.crossings ? model_.crossings->bytes() : 0;
-  set_bytes(0, model_.rows->bytes() + crossings + fields_.size() * (sizeof(Vec3) + sizeof fields_[0]) +
+  set_bytes(0, model_.row_bytes() + sources_.size() * sizeof(Source) + first_source_.size() * sizeof(std::size_t) + crossings +
+                   fields_.size() * (sizeof(Vec3) + sizeof fields_[0]) +
                    (following().size() + model_.outside.size()) * sizeof(PointId));
   info_.notes = model_.notes;
-  info_.notes.push_back(std::to_string(info_.handle_points) + " control points are in handles, the other " +
-                        std::to_string(fields_.size() - info_.handle_points) + " stay.");
+  std::size_t moved = 0;  // that are in no handle, but images of them
+  for (std::size_t p = 0; p < fields_.size(); ++p) moved += !moves(p) && !sources(p).empty() ? 1 : 0;
+  info_.notes.push_back(std::to_string(info_.handle_points) + " control points are in handles, " +
+                        (moved == 0 ? "" : std::to_string(moved) + " are mirror images of these and move with them, ") +
+                        "the other " + std::to_string(fields_.size() - info_.handle_points - moved) + " stay.");
   if (!idle_.empty()) {
     std::string names;
     for (std::size_t i = 0; i < std::min(listed_handles, idle_.size()); ++i) names += (i == 0 ? "\"" : ", \"") + idle_[i] + "\"";
@@ -112,14 +216,71 @@ void ControlSystem::fill_info() {
 
 std::vector<Vec3> ControlSystem::displacements(const BoundDesign& design, MotionKind kind) const {
   const HeldPoints points = held();
-  std::vector<Vec3> result(fields_.size());
-  for (std::size_t p = 0; p < result.size(); ++p) {
+  std::vector<Vec3> own(fields_.size());
+  for (std::size_t p = 0; p < own.size(); ++p) {
     if (!moves(p)) continue;
     const auto id = static_cast<PointId>(p);
     const Vec3 to = points.place(design, id, kind);
-    result[p] = kind == MotionKind::position ? to - held_mesh_->points[p] : to;
+    own[p] = kind == MotionKind::position ? to - held_mesh_->points[p] : to;
+  }
+  if (regions_.symmetry.empty()) return own;
+  for (Vec3& u : own) u = regions_.symmetry.to_frame(u);
+  std::vector<Vec3> result(own.size());
+  for (std::size_t p = 0; p < own.size(); ++p) {
+    const std::span<const Source> from = sources(p);
+    for (const Source& source : from) result[p] = result[p] + reflected(own[source.control], source.planes);
+    if (!from.empty()) result[p] = result[p] / static_cast<double>(from.size());
   }
   return result;
+}
+
+void ControlSystem::check_agreement(const std::function<Vec3(PointId)>& motion_of, double allowed,
+                                    const std::string& what) const {
+  for (std::size_t p = 0; p < fields_.size(); ++p) {
+    const std::span<const Source> from = sources(p);
+    for (std::size_t i = 1; i < from.size(); ++i) {
+      const auto motion = [&](const Source& source) {
+        return reflected(regions_.symmetry.to_frame(motion_of(source.control)), source.planes);
+      };
+      const double apart = distance(motion(from[0]), motion(from[i]));
+      if (apart <= allowed) continue;
+      refuse_argument(what + ": control points " + handle_text(from[0].control, points_.region_of[from[0].control], setup_) +
+                      " and " + handle_text(from[i].control, points_.region_of[from[i].control], setup_) +
+                      " are mirror images in " + plane_text(from[0].planes ^ from[i].planes) +
+                      ", but their motions are not, by " + number_digits(apart) +
+                      "; move them alike, or take those on one side out of the handles with `difference`");
+    }
+  }
+}
+
+void ControlSystem::check_motions(const BoundDesign& design, std::size_t index) const {
+  if (model_.matched_planes() == 0) return;
+  double allowed = image_agreement * info_.diagonal;
+  for (std::size_t k = 0; k < regions_.symmetry.planes(); ++k) allowed = std::max(allowed, 4 * regions_.symmetry.reach(k));
+  const HeldPoints points = held();
+  const auto motion = [&](PointId p) {
+    return points.prescribed_position(design, p, MotionKind::position) - held_mesh_->points[p];
+  };
+  check_agreement(motion, allowed, "designs[" + std::to_string(index) + "]");
+}
+
+void ControlSystem::check_motions(const std::vector<Affine>& derivative, const std::string& what) const {
+  const unsigned matched = model_.matched_planes();
+  if (matched == 0) return;
+  double size = 0;  // of the terms of a rate
+  const Box box = bounding_box(held_mesh_->points);
+  for (const Affine& m : derivative) {
+    for (std::size_t i = 0; i < 12; ++i) {
+      const std::size_t k = i % 4;
+      size = std::max(size, std::abs(m[i]) * (k == 3 ? 1.0 : std::max(std::abs(box.min[k]), std::abs(box.max[k]))));
+    }
+  }
+  double allowed = image_agreement;
+  for (std::size_t k = 0; k < regions_.symmetry.planes(); ++k) {
+    allowed = std::max(allowed, 4 * regions_.symmetry.reach(k) / info_.diagonal);
+  }
+  const auto rate = [&](PointId p) { return transformed(derivative[points_.region_of[p]], held_mesh_->points[p]); };
+  check_agreement(rate, allowed * size, what);
 }
 
 std::unique_ptr<const Evaluation> ControlSystem::bind(std::span<const Design> designs, EvaluationPath path,
@@ -137,19 +298,20 @@ HandleSystem::Fields ControlSystem::adjoint(std::span<const double>, Cotangents 
   context.check();
   std::vector<std::vector<Vec3>> g(at_following.size(), std::vector<Vec3>(fields_.size()));
   for (std::size_t s = 0; s < following().size(); ++s) {
-    model_.rows->for_each(following()[s], [&](std::int64_t column, double value) {
-      for (std::size_t j = 0; j < g.size(); ++j) {
-        Vec3& sum = g[j][static_cast<std::size_t>(column)];
-        sum = sum + value * at_following[j][s];
-      }
+    for_each_image(following()[s], [&](std::size_t p, double value, unsigned planes) {
+      for (std::size_t j = 0; j < g.size(); ++j) g[j][p] = g[j][p] + value * reflected(at_following[j][s], planes);
     });
   }
   Fields result(g.size(), std::vector<double>(3 * fields(), 0.0));
   for (std::size_t j = 0; j < g.size(); ++j) {
     for (std::size_t p = 0; p < fields_.size(); ++p) {
-      if (!moves(p)) continue;
-      for (std::size_t f = 0; f < 4; ++f) {
-        for (std::size_t k = 0; k < 3; ++k) result[j][3 * (first_field(p) + f) + k] += fields_[p][f] * g[j][p][k];
+      const std::span<const Source> from = sources(p);
+      for (const Source& source : from) {
+        const Vec3 back = reflected(g[j][p], source.planes) / static_cast<double>(from.size());
+        for (std::size_t f = 0; f < 4; ++f) {
+          double* const sum = result[j].data() + 3 * (first_field(source.control) + f);
+          for (std::size_t k = 0; k < 3; ++k) sum[k] += fields_[source.control][f] * back[k];
+        }
       }
     }
   }
@@ -163,16 +325,22 @@ Estimate estimate_controls(const Mesh& mesh, const ControlModel& model, const En
   for (const auto& handle : regions.handles) estimate.constraint_points += handle.size();
   estimate.constraint_points += regions.fixed.size();
   estimate.samples = k;
-  const std::size_t basis_bytes = HandleBasis::bytes_for(n, fields, options.basis_tolerance);
+  const std::size_t parts = part_count(regions.symmetry);
+  const std::size_t basis_bytes = parts * HandleBasis::bytes_for(n, fields, options.basis_tolerance);
   const bool basis = wants_basis(options.basis, basis_bytes, 0);
-  estimate.basis_bytes = basis ? basis_bytes + 2 * fields * sizeof(double) : 0;
+  estimate.basis_bytes = basis ? basis_bytes + parts * 2 * fields * sizeof(double) : 0;
   const std::size_t crossings = model.crossings ? model.crossings->bytes() : 0;
-  const std::size_t own = point_bytes(n + k, regions.symmetry) + model.rows->bytes() + model.in_space->bytes() + crossings +
+  const std::size_t own = point_bytes(n + k, regions.symmetry) + model.row_bytes() + model.in_space->bytes() + crossings +
+                          k * (sizeof(std::size_t) + 2 * sizeof(std::uint32_t) * (std::size_t{1} << regions.symmetry.planes())) +
                           k * (sizeof(Vec3) + 4 * sizeof(double)) + (n + model.outside.size()) * sizeof(PointId);
   estimate.resident_bytes = estimate.basis_bytes + own;
-  estimate.peak_bytes = own + k + (basis ? HandleBasis::peak_bytes_for(n, fields, options.basis_tolerance) : 0);
-  const double row = static_cast<double>(first_row_count(*model.rows)) * seconds_per_value + model.seconds_per_row;
-  estimate.seconds = (basis ? 2 : 1) * static_cast<double>(n) * row / thread_count({});
+  estimate.peak_bytes = own + k +
+                        (basis ? (parts - 1) * HandleBasis::bytes_for(n, fields, options.basis_tolerance) +
+                                     HandleBasis::peak_bytes_for(n, fields, options.basis_tolerance)
+                               : 0);
+  const double row = static_cast<double>(first_row_count(*model.images.front().rows)) * seconds_per_value + model.seconds_per_row;
+  estimate.seconds =
+      static_cast<double>((basis ? 1 + parts : 1) * model.images.size()) * static_cast<double>(n) * row / thread_count({});
   estimate.notes = model.notes;
   if (!basis)
     estimate.notes.emplace_back("No handle basis will be stored: every design is one sum over control points per point.");

@@ -219,7 +219,7 @@ std::optional<FieldMotion> HandleEvaluation::field_motion(std::size_t design) co
 
 Vec3 HandleEvaluation::prescribed_displacement(const BoundDesign& design, PointId id) const {
   const Vec3 u = held_.displacement(design, id, kind_);
-  const Symmetry& symmetry = held_.regions.symmetry;
+  const Symmetry& symmetry = held_.symmetry;
   return symmetry.empty() ? u : system_->components(symmetry.to_frame(u), id);
 }
 

@@ -62,14 +62,15 @@ void put_on_planes(const Mesh& mesh, const Symmetry& symmetry, const std::vector
 
 }  // namespace
 
-std::vector<HandleFrame> handle_frames(const Mesh& mesh, const SelectedRegions& regions, const UnitBox& box) {
+std::vector<HandleFrame> handle_frames(const Mesh& mesh, const SelectedRegions& regions, const Symmetry& symmetry,
+                                       const UnitBox& box) {
   std::vector<HandleFrame> frames;
   for (const auto& handle : regions.handles) {
     Box extent;
     for (const PointId id : handle) extent.add(box.to_unit(mesh.points[id]));
     HandleFrame frame;
     for (int k = 0; k < 3; ++k) frame.reference[k] = 0.5 * (extent.min[k] + extent.max[k]);
-    if (!regions.symmetry.empty()) put_on_planes(mesh, regions.symmetry, handle, box, frame);
+    if (!symmetry.empty()) put_on_planes(mesh, symmetry, handle, box, frame);
     frames.push_back(frame);
   }
   return frames;
@@ -141,9 +142,9 @@ Vec3 HeldPoints::prescribed_position(const BoundDesign& design, PointId id, Moti
 
 Vec3 HeldPoints::place(const BoundDesign& design, PointId id, MotionKind kind) const {
   const Vec3 to = prescribed_position(design, id, kind);
-  const unsigned on = regions.symmetry.on(id);
+  const unsigned on = symmetry.on(id);
   if (on == 0) return to;
-  return regions.symmetry.slid(kind == MotionKind::position ? mesh.points[id] : Vec3{}, to, on);
+  return symmetry.slid(kind == MotionKind::position ? mesh.points[id] : Vec3{}, to, on);
 }
 
 Vec3 HeldPoints::displacement(const BoundDesign& design, PointId id, MotionKind kind) const {
@@ -165,8 +166,8 @@ Vec3 HeldPoints::displacement(const BoundDesign& design, PointId id, MotionKind 
       result[k] = static_cast<double>(sum);
     }
   }
-  const unsigned on = regions.symmetry.on(id);
-  return on == 0 ? result : regions.symmetry.slid({}, result, on);
+  const unsigned on = symmetry.on(id);
+  return on == 0 ? result : symmetry.slid({}, result, on);
 }
 
 void HeldPoints::check_coincident(const BoundDesign& design, std::size_t index) const {
@@ -240,8 +241,8 @@ std::vector<double> variable_gradient(const HeldPoints& held, std::span<const do
   for (std::size_t h = 0; h < frames.size(); ++h) {
     for (const PointId id : held.regions.handles[h]) {
       const Vec3& x = held.mesh.points[id];
-      const unsigned on = held.regions.symmetry.on(id);
-      const Vec3 along = on == 0 ? cotangent[id] : held.regions.symmetry.slid({}, cotangent[id], on);
+      const unsigned on = held.symmetry.on(id);
+      const Vec3 along = on == 0 ? cotangent[id] : held.symmetry.slid({}, cotangent[id], on);
       for (int i = 0; i < 3; ++i) {
         for (int j = 0; j < 3; ++j) moments[h][4 * i + j] += along[i] * x[j];
         moments[h][4 * i + 3] += along[i];

@@ -50,7 +50,8 @@ void field_coefficients(const Affine& motion, MotionKind kind, const HandleFrame
 /// The frames of the handles, centred in their bounding boxes. With symmetry planes the axes are those of the planes, and a
 /// handle that touches a plane, or whose distance from it is less than its thickness across it, has its reference in that plane:
 /// the normal component of a displacement is odd there, so its fields are smooth across the plane if they vanish on it.
-std::vector<HandleFrame> handle_frames(const Mesh& mesh, const SelectedRegions& regions, const UnitBox& box);
+std::vector<HandleFrame> handle_frames(const Mesh& mesh, const SelectedRegions& regions, const Symmetry& symmetry,
+                                       const UnitBox& box);
 
 /// A design as one affine map or displacements for each handle; owns its data.
 struct BoundDesign {
@@ -66,6 +67,7 @@ struct HeldPoints {
   const Mesh& mesh;
   const Setup& setup;
   const SelectedRegions& regions;
+  const Symmetry& symmetry;                             ///< the planes for the points of `mesh`
   const std::vector<RegionIndex>& region_of;            ///< n
   const std::vector<std::uint32_t>& rank_of;            ///< n: position of a handle point among the points of its handle
   const std::vector<std::vector<PointId>>& coincident;  ///< see ConstraintPoints

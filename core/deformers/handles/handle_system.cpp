@@ -62,16 +62,17 @@ HandleSystem::HandleSystem(Held held, const Setup& setup, HandleMode handles, Un
     all_.resize(mesh_->point_count());
     std::iota(all_.begin(), all_.end(), PointId{0});
   }
+  if (held_mesh_ != mesh_) control_symmetry_ = regions_.symmetry.for_points(held_mesh_->points);
   rank_of_.assign(held_mesh_->point_count(), 0);
   for (const auto& handle : regions_.handles) {
     info_.handle_points += handle.size();
     for (std::size_t k = 0; k < handle.size(); ++k) {
       rank_of_[handle[k]] = static_cast<std::uint32_t>(k);
-      if (regions_.symmetry.on(handle[k]) != 0) sliding_.push_back(handle[k]);
+      if (held_symmetry().on(handle[k]) != 0) sliding_.push_back(handle[k]);
     }
   }
   std::sort(sliding_.begin(), sliding_.end());
-  frames_ = handle_frames(*held_mesh_, regions_, box_);
+  frames_ = handle_frames(*held_mesh_, regions_, held_symmetry(), box_);
   info_.points = mesh_->point_count();
   info_.fixed_points = regions_.fixed.size();
   info_.constraint_points = points_.count;
@@ -112,7 +113,12 @@ void HandleSystem::check(const BoundDesign& design, std::size_t index) const {
   check_tolerance(design, index);
   held().check_coincident(design, index);
   check_sliding(design, index);
+  check_motions(design, index);
 }
+
+void HandleSystem::check_motions(const BoundDesign&, std::size_t) const {}
+
+void HandleSystem::check_motions(const std::vector<Affine>&, const std::string&) const {}
 
 void HandleSystem::check_tolerance(const BoundDesign& design, std::size_t index) const {
   const double tolerance = design.tolerance;
@@ -161,15 +167,15 @@ std::string HandleSystem::name_of(PointId id) const {
 
 void HandleSystem::check_sliding(const BoundDesign& design, std::size_t index) const {
   if (regions_.symmetry.is_sector()) return check_sector(design, index);
-  const Symmetry& symmetry = regions_.symmetry;
+  const Symmetry& symmetry = held_symmetry();
   const HeldPoints points = held();
   for (const PointId id : sliding_) {
-    const Vec3 u = symmetry.to_frame(points.prescribed_position(design, id, MotionKind::position) - mesh_->points[id]);
+    const Vec3 u = symmetry.to_frame(points.prescribed_position(design, id, MotionKind::position) - held_mesh_->points[id]);
     for (std::size_t k = 0; k < symmetry.planes(); ++k) {
       if ((symmetry.on(id) >> k & 1u) == 0 || std::abs(u[k]) <= symmetry.reach(k)) continue;
       std::ostringstream text;
-      text << ": point " << id << " (handle \"" << setup_.handles[points_.region_of[id]].name << "\") lies on symmetry[" << k
-           << "] but is sent a distance of " << number_digits(u[k]) << " out of it" << only_slides;
+      text << ": " << point_word() << id << " (handle \"" << setup_.handles[points_.region_of[id]].name << "\") lies on symmetry["
+           << k << "] but is sent a distance of " << number_digits(u[k]) << " out of it" << only_slides;
       refuse(index, text.str());
     }
   }
@@ -177,12 +183,12 @@ void HandleSystem::check_sliding(const BoundDesign& design, std::size_t index) c
 
 void HandleSystem::check_sliding(const std::vector<Affine>& derivative, const std::string& what) const {
   if (regions_.symmetry.is_sector()) return check_sector(derivative, what);
-  const Symmetry& symmetry = regions_.symmetry;
+  const Symmetry& symmetry = held_symmetry();
   for (const PointId id : sliding_) {
     const RegionIndex handle = points_.region_of[id];
     const Affine& m = derivative[handle];
     if (m == Affine{}) continue;
-    const Vec3& x = mesh_->points[id];
+    const Vec3& x = held_mesh_->points[id];
     const Vec3 u = transformed(m, x);
     double size = 0;  // of the terms of u
     for (std::size_t i = 0; i < 12; ++i) size = std::max(size, std::abs(m[i] * (i % 4 == 3 ? 1.0 : x[i % 4])));
@@ -190,8 +196,8 @@ void HandleSystem::check_sliding(const std::vector<Affine>& derivative, const st
     for (std::size_t k = 0; k < symmetry.planes(); ++k) {
       if ((symmetry.on(id) >> k & 1u) == 0 || std::abs(across[k]) * info_.diagonal <= symmetry.reach(k) * size) continue;
       std::ostringstream text;
-      text << what << ": moves point " << id << " (handle \"" << setup_.handles[handle].name << "\") out of symmetry[" << k
-           << "] at a rate of " << number_digits(across[k]) << only_slides;
+      text << what << ": moves " << point_word() << id << " (handle \"" << setup_.handles[handle].name << "\") out of symmetry["
+           << k << "] at a rate of " << number_digits(across[k]) << only_slides;
       throw Error(ErrorCode::invalid_argument, text.str());
     }
   }
@@ -201,6 +207,7 @@ Points HandleSystem::jacobian_vector(std::span<const double> variables, std::spa
                                      const RunContext& context) const {
   const std::vector<Affine> maps = motion_derivative(setup_, variables, direction);
   check_sliding(maps, "direction");
+  check_motions(maps, "direction");
   const std::unique_ptr<const Evaluation> evaluation = derivative(variables, maps, context);
   Points result(mesh_->point_count());
   parallel_for(context, result.size(), held_points_per_task, [&](std::size_t begin, std::size_t end) {
@@ -274,8 +281,11 @@ std::vector<std::vector<double>> HandleSystem::vector_jacobians(std::span<const 
                                                                 const RunContext& context) const {
   for (const Points& cotangent : cotangents) check_cotangent(cotangent, mesh_->point_count());
   handle_motions(setup_, variables);  // checks them
-  for (std::size_t k = 0; k < setup_.variables.size() && !(sliding_.empty() && !regions_.symmetry.is_sector()); ++k) {
-    check_sliding(handle_motion_derivative(setup_, variables, k), "variable \"" + setup_.variables[k].name + "\"");
+  for (std::size_t k = 0; k < setup_.variables.size() && !regions_.symmetry.empty(); ++k) {
+    const std::vector<Affine> rate = handle_motion_derivative(setup_, variables, k);
+    const std::string what = "variable \"" + setup_.variables[k].name + "\"";
+    check_sliding(rate, what);
+    check_motions(rate, what);
   }
   const Fields field_sums = pull_back(variables, cotangents, context);
   const Points nothing(hard_handles() ? 0 : held_mesh_->point_count());  // is prescribed by soft handles

@@ -64,6 +64,11 @@ class HandleSystem : public System {
   /// Why a system without a basis cannot be compiled, and what to do.
   virtual std::string without_basis() const;
 
+  /// Further checks of a design, and of the rates at which motions change, which start messages with `what`: throw
+  /// Error(invalid_argument).
+  virtual void check_motions(const BoundDesign& design, std::size_t index) const;
+  virtual void check_motions(const std::vector<Affine>& derivative, const std::string& what) const;
+
   /// Whether handle and fixed points are met exactly.
   bool hard_handles() const { return handles_ == HandleMode::hard; }
   bool is_prescribed(PointId id) const { return hard_handles() && points_.region_of[id] != deformable_region; }
@@ -72,8 +77,10 @@ class HandleSystem : public System {
   bool has_basis() const { return !basis_.empty(); }
   std::size_t fields() const { return 4 * frames_.size(); }
   HeldPoints held() const {
-    return {*held_mesh_, setup_, regions_, points_.region_of, rank_of_, points_.coincident, info_.diagonal};
+    return {*held_mesh_, setup_, regions_, held_symmetry(), points_.region_of, rank_of_, points_.coincident, info_.diagonal};
   }
+  /// The symmetry planes for the points of held_mesh_.
+  const Symmetry& held_symmetry() const { return held_mesh_ == mesh_ ? regions_.symmetry : control_symmetry_; }
   /// The fields 1, x, y, z of a handle at one of its points, in unit coordinates relative to its reference point.
   std::array<double, 4> handle_fields(std::size_t handle, PointId id) const;
   /// A displacement in the frame of the planes without the normal components of those on which the point lies.
@@ -109,11 +116,13 @@ class HandleSystem : public System {
   void check_sliding(const std::vector<Affine>& derivative, const std::string& what) const;
   void check_sector(const BoundDesign& design, std::size_t index) const;
   void check_sector(const std::vector<Affine>& derivative, const std::string& what) const;
+  const char* point_word() const { return held_mesh_ == mesh_ ? "point " : "control point "; }
   std::string name_of(PointId id) const;  ///< a handle or fixed point, for messages
   Fields pull_back(std::span<const double> variables, std::span<const Points> cotangents, const RunContext& context) const;
 
   const HandleMode handles_;
   std::vector<PointId> all_;       ///< all points, for soft handles
+  Symmetry control_symmetry_;      ///< that of control points
   std::vector<PointId> sliding_;   ///< handle points on symmetry planes, ascending
   double largest_coordinate_ = 0;  ///< largest magnitude of a coordinate of the mesh
   Stopwatch watch_;

@@ -190,6 +190,17 @@ Symmetry::Symmetry(std::span<const SymmetryPlane> planes, const Mesh& mesh) : pl
   for (std::size_t k = 0; k < planes.size(); ++k) mark(k, found[k], mesh, box.diagonal());
 }
 
+Symmetry Symmetry::for_points(std::span<const Vec3> points) const {
+  Symmetry result = *this;
+  result.held_ = {};
+  result.on_.clear();
+  for (std::size_t i = 0; i < points.size() && planes_ > 0; ++i) {
+    result.on_.push_back(static_cast<std::uint8_t>(on(points[i])));
+    for (std::size_t k = 0; k < planes_; ++k) result.held_[k] += result.on_[i] >> k & 1u;
+  }
+  return result;
+}
+
 void Symmetry::set_sector(const SectorOptions& options, const Mesh& mesh, double diagonal, const std::string& what) {
   if (!is_finite(options.origin)) throw Error(ErrorCode::invalid_argument, what + ".origin: must be finite");
   if (!is_finite(options.axis) || !std::isnormal(norm(options.axis))) {
@@ -259,6 +270,23 @@ Vec3 Symmetry::slid(const Vec3& x, const Vec3& to, unsigned mask) const {
     if ((mask >> k & 1u) != 0) result = result - dot(axes_[k], result - x) * axes_[k];
   }
   return result;
+}
+
+Vec3 Symmetry::image(Vec3 point, unsigned planes) const {
+  for (std::size_t k = 0; k < planes_; ++k) {
+    if ((planes >> k & 1u) != 0) point = reflected(point, k);
+  }
+  return point;
+}
+
+Box whole_box(const Mesh& mesh, const Symmetry& symmetry) {
+  Box box;
+  for (std::size_t g = 0; g < symmetry.images(); ++g) {
+    for (const Vec3& x : mesh.points) {
+      box.add(symmetry.is_sector() ? symmetry.turned_point(x, g) : symmetry.image(x, static_cast<unsigned>(g)));
+    }
+  }
+  return box;
 }
 
 }  // namespace deform

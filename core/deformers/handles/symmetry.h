@@ -41,6 +41,8 @@ class Symmetry {
   /// point), a mesh on both sides of a plane (with the number of points on the side with fewer, the first and its distance), and
   /// what select() throws.
   Symmetry(std::span<const SymmetryPlane> planes, const Mesh& mesh);
+  /// The same planes for other points, such as control points: on(id) and held() are those of these. Not for a sector.
+  Symmetry for_points(std::span<const Vec3> points) const;
 
   std::size_t planes() const { return planes_; }
   bool empty() const { return planes_ == 0 && !is_sector(); }
@@ -70,6 +72,8 @@ class Symmetry {
   Vec3 coordinates(const Vec3& point) const;
   /// The mirror image of a point in a plane, in model coordinates.
   Vec3 reflected(const Vec3& point, std::size_t plane) const;
+  /// The same in several planes (mask), one after the other.
+  Vec3 image(Vec3 point, unsigned planes) const;
   /// A vector or a point turned by so many sectors, in model coordinates.
   Vec3 turned(const Vec3& vector, std::size_t sectors) const;
   Vec3 turned_point(const Vec3& point, std::size_t sectors) const;
@@ -93,5 +97,8 @@ class Symmetry {
   std::vector<std::uint8_t> on_;  ///< n, or empty
   Sector sector_;
 };
+
+/// The bounding box of a mesh and its images. Throws nothing.
+Box whole_box(const Mesh& mesh, const Symmetry& symmetry);
 
 }  // namespace deform

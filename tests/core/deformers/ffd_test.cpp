@@ -278,10 +278,6 @@ TEST(Ffd, RefusesBadOptions) {
     o.control = FfdControl::mesh;
     s.constraints.push_back({"kept", {s.handles[0].region}, Planar{}});
   });
-  refused({"symmetry", "method.ffd", "CONTROLS"}, [](Setup& s, FfdOptions& o) {
-    o.control = FfdControl::controls;
-    s.symmetry.push_back({SymmetryPlane::Plane{{0, 0, 0}, {1, 0, 0}}});
-  });
 }
 
 // ---- direct manipulation ----
