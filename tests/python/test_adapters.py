@@ -7,6 +7,7 @@ from scipy.optimize import check_grad, differential_evolution, minimize, minimiz
 
 import deformd
 from deformd.adapters import ScipyObjective, Unusable
+from deformd.adapters.libensemble import sim_function
 
 GOAL = np.array([0.02, -0.07])
 
@@ -79,6 +80,26 @@ def test_designs_without_a_value_rank_last(system, missing):
     assert values[0] == 1e6 and values[1] < 1 and (f.evaluated, f.unusable) == (4, 2)
     with pytest.raises(Unusable, match="^12 of 22 designs cannot be used, the last one: the objective has no finite value"):
         f(np.array([np.r_[np.full(10, 0.03), np.full(8, 0.01)], np.zeros(18)]))
+
+
+def test_the_simulator_of_libensemble(system, squeezed):
+    """The function itself, which does not need the library."""
+    x = np.zeros(3, dtype=[("x", float, (2,))])
+    x["x"][1:] = [[0.03, 0], [0.01, 0.05]]
+    heights = system(x["x"])[:, :, 2].mean(axis=1)
+    specs = {"out": [("f", float), ("usable", bool)], "user": {"system": system, "objective": lambda points, report: points[:, 2].mean()}}
+    out, _ = sim_function(x, None, specs)
+    np.testing.assert_array_equal(out["f"], heights)
+    assert out["usable"].all()
+    two = {"out": [("f", float, (2,)), ("usable", bool)],
+           "user": {"system": system, "objective": lambda points, report: [1, np.nan if points[:, 2].mean() == heights[1] else 2], "penalty": 7}}
+    out, _ = sim_function(x, None, two)
+    np.testing.assert_array_equal(out["f"], [[1, 2], [7, 7], [1, 2]])
+    assert out["usable"].tolist() == [True, False, True]
+    pushed = np.zeros(2, dtype=[("x", float, (1,))])
+    pushed["x"][1] = 6
+    out, _ = sim_function(pushed, None, {**specs, "user": {**specs["user"], "system": squeezed}})
+    assert out["f"][1] == 1e30 and out["usable"].tolist() == [True, False]
 
 
 def test_one_variable(squeezed):

@@ -19,9 +19,11 @@ def sim_function(h: Any, persis_info: Any, sim_specs: Dict[str, Any], *_: Any) -
     objective: Objective = user["objective"]
     population = user["system"].deform(np.ascontiguousarray(h["x"]))
     out = np.zeros(len(h), dtype=sim_specs["out"])
-    values = np.array([np.nan if report.bad else objective(points, report) for points, report in zip(population.points, population.reports)], dtype=np.float64)
-    usable = np.isfinite(values)
-    out["f"] = np.where(usable, values, user.get("penalty", 1e30))
+    usable = population.usable
+    for i, (points, report) in enumerate(zip(population.points, population.reports)):
+        value = np.nan if report.bad else np.asarray(objective(points, report), dtype=np.float64)
+        usable[i] = np.isfinite(value).all()
+        out["f"][i] = value if usable[i] else user.get("penalty", 1e30)
     if "usable" in (out.dtype.names or ()):
         out["usable"] = usable
     return out, persis_info
