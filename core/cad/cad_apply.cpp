@@ -229,7 +229,11 @@ class Application {
   DeformedModel apply() {
     result_.notes = document_.notes;
     result_.diagonal = model_.diagonal;
-    if (request_.mesh != nullptr) check_place(model_, *request_.mesh, request_.scale);
+    if (request_.mesh != nullptr) {
+      check_place(model_, *request_.mesh, request_.scale);
+      const auto doubt = timed(result_.stages, "check", [&] { return doubt_of_place(model_, *request_.mesh, request_.scale); });
+      if (doubt) result_.notes.push_back(*doubt);
+    }
     timed(result_.stages, "fit", [&] { fit(); });
     timed(result_.stages, "build", [&] { deform(); });
     timed(result_.stages, "fit", [&] { measure(); });

@@ -2,9 +2,13 @@
 #include "core/cad/held_faces.h"
 
 #include <BRepBndLib.hxx>
+#include <BRepBuilderAPI_MakeVertex.hxx>
+#include <BRepExtrema_DistShapeShape.hxx>
+#include <BRep_Builder.hxx>
 #include <BRep_Tool.hxx>
 #include <Bnd_Box.hxx>
 #include <ShapeAnalysis_Surface.hxx>
+#include <TopoDS_Compound.hxx>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -23,6 +27,9 @@ namespace {
 constexpr double on_face = 1e-5;        ///< of D: nodes on a face
 constexpr double exact = 1e-9;          ///< of D: what is prescribed is met
 constexpr std::size_t least_nodes = 8;  /// fewer fit a rigid motion or a surface by chance
+constexpr double near_share = 0.05;     ///< of D: nodes that may belong to the model
+constexpr double off_model = 1e-4;      ///< of D: files have few digits
+constexpr std::size_t most_checked = 500;
 
 PlaceSamples samples_of(const MeshMotion& mesh, const std::vector<PointId>& nodes, double scale) {
   const auto count = static_cast<Eigen::Index>(nodes.size());
@@ -54,7 +61,6 @@ double largest_distance(const Geom_ElementarySurface& surface, const PlaceSample
 }  // namespace
 
 void check_place(const Model& model, const MeshMotion& mesh, double scale) {
-  constexpr double near_share = 0.05;
   std::vector<Vec3> nodes;
   for (const PointId id : mesh.boundary) nodes.push_back(mesh.rest[id] / scale);
   if (nodes.empty() || model.vertex_count() == 0) return;
@@ -73,6 +79,39 @@ void check_place(const Model& model, const MeshMotion& mesh, double scale) {
                   std::to_string(model.vertex_count()) + " vertices are far from all nodes; the model is " +
                   number_digits(scale * model.diagonal) + " across, the boundary of the mesh " + number_digits(box.diagonal()) +
                   ": another unit needs --scale");
+}
+
+std::optional<std::string> doubt_of_place(const Model& model, const MeshMotion& mesh, double scale) {
+  TopoDS_Compound faces;  // not the solids, in which points have no distance
+  BRep_Builder builder;
+  builder.MakeCompound(faces);
+  for (int f = 0; f < model.face_count(); ++f) builder.Add(faces, model.face(f));
+  Bnd_Box box;
+  BRepBndLib::Add(faces, box);
+  box.Enlarge(near_share * model.diagonal);
+  std::vector<gp_Pnt> near;
+  for (const PointId id : mesh.boundary) {
+    const Vec3 p = mesh.rest[id] / scale;
+    const gp_Pnt place(p[0], p[1], p[2]);
+    if (!box.IsOut(place)) near.push_back(place);
+  }
+  if (near.empty()) return std::nullopt;
+  const std::size_t step = 1 + (near.size() - 1) / most_checked;
+  std::size_t checked = 0, off = 0;
+  double farthest = 0;
+  for (std::size_t i = 0; i < near.size(); i += step) {
+    const BRepExtrema_DistShapeShape found(BRepBuilderAPI_MakeVertex(near[i]).Vertex(), faces);
+    if (!found.IsDone()) continue;
+    ++checked;
+    if (found.Value() <= off_model * model.diagonal) continue;
+    ++off;
+    farthest = std::max(farthest, found.Value());
+  }
+  if (off == 0) return std::nullopt;
+  return model.name + " may not be the model from which the mesh was made: of " + std::to_string(checked) +
+         " nodes on the boundary of the mesh in its box, " + std::to_string(off) + " are not on it, the farthest by " +
+         number_digits(std::round(1e5 * farthest / model.diagonal) / 1e5) +
+         " D; where the mesh is that of a domain around the model, or wraps it, some may be";
 }
 
 HeldFaces::HeldFaces(const Model& model, const MeshMotion& mesh, double scale, double limit)

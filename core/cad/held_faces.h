@@ -5,6 +5,7 @@
 #include <Geom_ElementarySurface.hxx>
 #include <gp_Trsf.hxx>
 #include <optional>
+#include <string>
 
 #include "core/cad/face_region.h"
 #include "core/cad/mesh_motion.h"
@@ -27,6 +28,11 @@ struct HeldFace {
 /// are within a twentieth of its diagonal from a node. Of a half, quarter or eighth of the model a part of them are. scale: from
 /// the unit of the model to that of the mesh.
 void check_place(const Model& model, const MeshMotion& mesh, double scale);
+
+/// A sentence for the user where nodes on the boundary of the mesh lie in the box of the model, but not on its faces: then it may
+/// be another variant of the model. Up to 500 of them, evenly spread over their numbers, are measured; those within 1e-4 D count
+/// as nodes on the model. Nothing where all are on it, also where the mesh is that of a part of the model. A pure function.
+std::optional<std::string> doubt_of_place(const Model& model, const MeshMotion& mesh, double scale);
 
 /// Finds the faces whose nodes hold them: all nodes of the mesh on the face, its boundary included, move rigidly or end on a
 /// surface of its type, exactly or as near as a constraint on them reports. Immutable; any thread may call.

@@ -3,10 +3,11 @@
 
 import numpy as np
 import pytest
-from scipy.optimize import check_grad, differential_evolution, minimize
+from scipy.optimize import check_grad, differential_evolution, minimize, minimize_scalar
 
 import deformd
 from deformd.adapters import ScipyObjective, Unusable
+from deformd.adapters.libensemble import sim_function
 
 GOAL = np.array([0.02, -0.07])
 
@@ -58,6 +59,55 @@ def test_designs_that_must_not_be_used_rank_last(squeezed):
     steep = ScipyObjective(squeezed, lambda points, report: 0.0, lambda points, report: np.ones_like(points))
     np.testing.assert_array_equal(steep.gradient(np.array([6.0])), [0])
     assert steep.gradient(np.array([1.0])) != 0
+
+
+@pytest.mark.parametrize("missing", [np.nan, np.inf, -np.inf])
+def test_designs_without_a_value_rank_last(system, missing):
+    """A simulation that diverged: SciPy would take -inf for the best, and NaN ends minimize."""
+    calls = []
+
+    def objective(points, report):
+        calls.append(report)
+        return missing if points[:, 2].max() > highest else points[:, 2].max()
+
+    highest = system([0.02, 0])[:, 2].max()
+    f = ScipyObjective(system, objective, lambda points, report: np.full_like(points, missing if points[:, 2].max() > highest else 1), penalty=1e6)
+    assert f(np.array([0.03, 0.0])) == 1e6 and (f.evaluated, f.unusable) == (1, 1)
+    assert f(np.array([0.03, 0.0])) == 1e6 and (f.evaluated, f.unusable, len(calls)) == (1, 1, 1), "the same design counts once"
+    np.testing.assert_array_equal(f.gradient(np.array([0.03, 0.0])), [0, 0])
+    assert f(np.array([0.01, 0.0])) < 1 and np.any(f.gradient(np.array([0.01, 0.0])) != 0)
+    values = f(np.array([[0.03, 0.01], [0, 0]]))
+    assert values[0] == 1e6 and values[1] < 1 and (f.evaluated, f.unusable) == (4, 2)
+    with pytest.raises(Unusable, match="^12 of 22 designs cannot be used, the last one: the objective has no finite value"):
+        f(np.array([np.r_[np.full(10, 0.03), np.full(8, 0.01)], np.zeros(18)]))
+
+
+def test_the_simulator_of_libensemble(system, squeezed):
+    """The function itself, which does not need the library."""
+    x = np.zeros(3, dtype=[("x", float, (2,))])
+    x["x"][1:] = [[0.03, 0], [0.01, 0.05]]
+    heights = system(x["x"])[:, :, 2].mean(axis=1)
+    specs = {"out": [("f", float), ("usable", bool)], "user": {"system": system, "objective": lambda points, report: points[:, 2].mean()}}
+    out, _ = sim_function(x, None, specs)
+    np.testing.assert_array_equal(out["f"], heights)
+    assert out["usable"].all()
+    two = {"out": [("f", float, (2,)), ("usable", bool)],
+           "user": {"system": system, "objective": lambda points, report: [1, np.nan if points[:, 2].mean() == heights[1] else 2], "penalty": 7}}
+    out, _ = sim_function(x, None, two)
+    np.testing.assert_array_equal(out["f"], [[1, 2], [7, 7], [1, 2]])
+    assert out["usable"].tolist() == [True, False, True]
+    pushed = np.zeros(2, dtype=[("x", float, (1,))])
+    pushed["x"][1] = 6
+    out, _ = sim_function(pushed, None, {**specs, "user": {**specs["user"], "system": squeezed}})
+    assert out["f"][1] == 1e30 and out["usable"].tolist() == [True, False]
+
+
+def test_one_variable(squeezed):
+    """As minimize_scalar has it: a number for x."""
+    f = ScipyObjective(squeezed, lambda points, report: (points[:, 0].max() - goal) ** 2, lambda points, report: np.ones_like(points))
+    goal = squeezed([0.5])[:, 0].max()
+    assert f(0.3) == f(np.array([0.3])) and f.gradient(0.3) == f.gradient(np.array([0.3]))
+    assert minimize_scalar(f, bounds=(0, 1), method="bounded").x == pytest.approx(0.5, abs=1e-4)
 
 
 def test_more_than_half_unusable_stops_loudly(squeezed):

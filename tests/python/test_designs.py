@@ -26,6 +26,17 @@ def test_one_design_has_the_bits_of_the_command_line(case, system):
     assert (case.folder / "python.obj").read_bytes() == (case.folder / "cli.obj").read_bytes()
 
 
+def test_one_variable_takes_its_value_alone(squeezed, system):
+    expected = squeezed([0.5])
+    for x in (0.5, np.float32(0.5), np.array(0.5)):
+        np.testing.assert_array_equal(squeezed(x), expected)
+    np.testing.assert_array_equal(squeezed(0), squeezed([0]))
+    np.testing.assert_array_equal(squeezed.jvp(0.5, 1), squeezed.jvp([0.5], [1]))
+    with pytest.raises(deformd.InvalidArgument, match="1 values, the setup has 2 variables: roof_up, slant_turn"):
+        system(0.5)
+    np.testing.assert_array_equal(system([{"roof_up": 0.01}, [0.01, 0]])[0], system([0.01, 0]), "mappings and rows may be mixed")
+
+
 @pytest.mark.parametrize("encoding, tolerance", [("raw_f32", 0), ("delta_zstd", 1e-5), ("draco", 1e-5)])
 def test_every_encoding_has_the_bits_of_the_command_line(case, system, encoding, tolerance):
     expected = written(case, "cli.obj", "--set", "roof_up=0.03", "--encoding", encoding, *(["--tolerance", tolerance] if tolerance else []))

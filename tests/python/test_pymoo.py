@@ -30,3 +30,10 @@ def test_bad_designs_are_infeasible(squeezed):
     assert found.X[0] < 4 and not squeezed.deform(found.X).report.bad
     values = problem.evaluate(np.array([[1.0], [6.0]]), return_as_dictionary=True)
     assert values["G"][:, 0].tolist() == [-1, 1] and values["F"][1, 0] == 1e30
+
+
+def test_designs_without_a_value_are_infeasible(system):
+    rest = system([0, 0])[:, 2].mean()
+    problem = pymoo_problem(system, lambda points, report: [1, np.nan if points[:, 2].mean() > rest else 2], 2)
+    values = problem.evaluate(np.array([[0.03, 0], [0, 0]]), return_as_dictionary=True)
+    assert values["G"][:, 0].tolist() == [1, -1] and values["F"].tolist() == [[1e30, 1e30], [1, 2]]

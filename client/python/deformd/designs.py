@@ -9,7 +9,7 @@ from . import _deformd
 from .errors import InvalidArgument
 
 if TYPE_CHECKING:
-    Design = Union[Sequence[float], np.ndarray, Mapping[str, float]]
+    Design = Union[float, Sequence[float], np.ndarray, Mapping[str, float]]
     Designs = Union[np.ndarray, Sequence[Union[Sequence[float], np.ndarray, Mapping[str, float]]]]
 
 
@@ -56,6 +56,8 @@ class DesignSpace:
             return np.zeros((1, len(self.variables))), True
         if isinstance(x, Mapping):
             return self._named(x, "design")[None, :], True
+        if isinstance(x, (int, float)) or getattr(x, "ndim", None) == 0:  # of one variable its value alone, as minimize_scalar has it
+            x = [x]
         if not isinstance(x, np.ndarray) and any(isinstance(row, Mapping) for row in x):
             rows = [self._named(row, f"designs[{i}]") if isinstance(row, Mapping) else np.asarray(row, dtype=np.float64) for i, row in enumerate(x)]
             for i, row in enumerate(rows):

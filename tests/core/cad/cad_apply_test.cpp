@@ -343,6 +343,40 @@ TEST_F(CadApply, AModelThatIsNotThatOfTheMeshIsRefused) {
   EXPECT_NO_THROW(apply_to_model(asked, each([](const Vec3& p) { return p; })));
 }
 
+TEST_F(CadApply, AnotherVariantOfTheModelIsDoubted) {
+  const MeshMotion mesh = grid_on_block(bent);
+  MeshMotion wider = mesh, inside = mesh, half = mesh, around = mesh;
+  const auto doubts = [&](const MeshMotion& of) {
+    ApplyRequest asked = request(block(), ".step");
+    asked.tolerance = 1e-4;
+    asked.mesh = &of;
+    std::string found;
+    for (const std::string& note : apply_to_model(asked, each(bent)).notes) {
+      if (note.find("may not be the model") != std::string::npos) found = note;
+    }
+    return found;
+  };
+  EXPECT_EQ(doubts(mesh), "");
+  // The bore of the mesh, every third node, is wider by a tenth than that of the model, which is sqrt(36) across.
+  for (std::size_t i = 2; i < wider.rest.size(); i += 3) {
+    wider.rest[i][0] *= 1.1;
+    wider.rest[i][2] = 3 + 1.1 * (wider.rest[i][2] - 3);
+  }
+  // Every other node is looked at; on the bore that is half of the 15 rings that are not in the planes at its ends.
+  const std::string text = doubts(wider);
+  EXPECT_NE(text.find("of 434 nodes"), std::string::npos) << text;
+  EXPECT_NE(text.find("127 are not on it"), std::string::npos) << text;
+  EXPECT_NE(text.find("by 0.00833 D"), std::string::npos) << text;
+  // In the solid a node is not on the model either.
+  inside.rest[0] = {-1, 0, 1};
+  EXPECT_NE(doubts(inside).find(" 1 are not on it"), std::string::npos) << doubts(inside);
+  // Meshes of a part of the model, and nodes far from it, say nothing.
+  std::erase_if(half.boundary, [&](PointId id) { return half.rest[id][0] > 0; });
+  EXPECT_EQ(doubts(half), "");
+  around.rest[0] = {50, 0, 0};
+  EXPECT_EQ(doubts(around), "");
+}
+
 TEST_F(CadApply, NodesHoldFacesWhereTheDeformationDiffersBetweenThem) {
   // Bumps that vanish at the nodes.
   const double height = 1e-3, step = std::numbers::pi * 4;

@@ -29,12 +29,13 @@ class ScipyObjective:
 
     objective(points (n, 3), report): the value of one design, to be minimized.
     gradient(points, report): its gradient with respect to the points, (n, 3); turned into that with respect to the variables by `System.vjp`.
-    penalty: the value of a design that must not be used: its verdict is bad, or it cannot be evaluated. It ranks last and is finite, so that
-      no optimizer meets a NaN. `gradient` is zero there. Once more than half of at least 20 designs were so, Unusable is raised.
+    penalty: the value of a design that must not be used: its verdict is bad, it cannot be evaluated, or the objective has no finite value
+      for it, as after a simulation that diverged. It ranks last and is finite, so that no optimizer meets a NaN. `gradient` is zero there.
+      Once more than half of at least 20 designs were so, Unusable is raised.
     options: those of `System.deform`.
 
-    Called with x (k,) it gives a number; with X (k, m), as SciPy's vectorized=True has it, (m,). The last single design is kept, so value
-    and gradient of one x are one request.
+    Called with x (k,), or of one variable with its value alone, it gives a number; with X (k, m), as SciPy's vectorized=True has it, (m,).
+    The last single design is kept, so value and gradient of one x are one request.
     """
 
     def __init__(self, system: System, objective: Objective, gradient: Optional[Gradient] = None, *, penalty: float = 1e30, **options: Any) -> None:
@@ -48,6 +49,7 @@ class ScipyObjective:
         self._gradient = gradient
         self._options = options
         self._last: Optional[Tuple[np.ndarray, np.ndarray, Report]] = None
+        self._no_value: Optional[np.ndarray] = None  # the last single design, where the objective had no finite value
 
     @property
     def bounds(self) -> List[Tuple[float, float]]:
@@ -55,19 +57,26 @@ class ScipyObjective:
         return [(lower, upper) for lower, upper in self.system.bounds]
 
     def __call__(self, x: np.ndarray) -> Any:
-        if np.ndim(x) == 1:
-            _, points, report = self._at(np.asarray(x, dtype=np.float64))
-            return self._value(points, report)
+        if np.ndim(x) <= 1:
+            design, points, report = self._at(np.atleast_1d(np.asarray(x, dtype=np.float64)))
+            known = self._no_value is not None and np.array_equal(self._no_value, design)
+            value = self.penalty if report.bad or known else self._value(points, report)
+            if value is None:
+                self._no_value = design
+                self._count_missing(1)
+            return self.penalty if value is None else value
         population = self.system.deform(np.ascontiguousarray(np.asarray(x, dtype=np.float64).T), **self._options)
         self._count(population.reports)
-        return np.array([self._value(points, report) for points, report in zip(population.points, population.reports)])
+        values = [self.penalty if report.bad else self._value(points, report) for points, report in zip(population.points, population.reports)]
+        self._count_missing(sum(value is None for value in values))
+        return np.array([self.penalty if value is None else value for value in values])
 
     def gradient(self, x: np.ndarray) -> np.ndarray:
         """With respect to the design variables, (k,)."""
         if self._gradient is None:
             raise InvalidArgument("gradient: the objective was made without one")
-        design, points, report = self._at(np.asarray(x, dtype=np.float64))
-        if report.bad:
+        design, points, report = self._at(np.atleast_1d(np.asarray(x, dtype=np.float64)))
+        if report.bad or (self._no_value is not None and np.array_equal(self._no_value, design)):
             return np.zeros(len(design))
         return self.system.vjp(design, self._gradient(points, report))
 
@@ -78,23 +87,33 @@ class ScipyObjective:
             self._last = (x.copy(), deformation.points, deformation.report)
         return self._last
 
-    def _value(self, points: np.ndarray, report: Report) -> float:
-        return self.penalty if report.bad else float(self.objective(points, report))
+    def _value(self, points: np.ndarray, report: Report) -> Optional[float]:
+        """None where the objective has no finite value."""
+        value = float(self.objective(points, report))
+        return value if np.isfinite(value) else None
 
     def _count(self, reports: List[Report]) -> None:
         self.evaluated += len(reports)
         self.unusable += sum(report.bad for report in reports)
+        last = next((report for report in reports if report.bad), None)
+        self._check_share("; ".join(last.reasons) if last else "")
+
+    def _count_missing(self, count: int) -> None:
+        self.unusable += count
+        if count:
+            self._check_share("the objective has no finite value")
+
+    def _check_share(self, last: str) -> None:
         if self.evaluated >= 20 and 2 * self.unusable > self.evaluated:
-            last = next((report for report in reports if report.bad), None)
-            raise Unusable(f"{self.unusable} of {self.evaluated} designs cannot be used" + (f", the last one: {'; '.join(last.reasons)}" if last else ""))
+            raise Unusable(f"{self.unusable} of {self.evaluated} designs cannot be used" + (f", the last one: {last}" if last else ""))
 
 
 def pymoo_problem(system: System, objectives: Callable[[np.ndarray, Report], Any], count: int = 1, *, penalty: float = 1e30, **options: Any) -> Any:
     """A pymoo Problem whose generations are evaluated in batches.
 
     objectives(points (n, 3), report): `count` values of one design, to be minimized. Whether a design may be used is an inequality constraint,
-    so that pymoo ranks the others behind all that may: 1 where its verdict is bad or it cannot be evaluated (its objectives are the penalty),
-    else -1. Needs pymoo.
+    so that pymoo ranks the others behind all that may: 1 where its verdict is bad, it cannot be evaluated, or an objective has no finite value
+    (its objectives are the penalty), else -1. Needs pymoo.
     """
     try:
         from pymoo.core.problem import Problem
@@ -113,7 +132,9 @@ def pymoo_problem(system: System, objectives: Callable[[np.ndarray, Report], Any
             population = system.deform(x, **options)
             values = [np.full(count, penalty) if report.bad else np.reshape(objectives(points, report), count)
                       for points, report in zip(population.points, population.reports)]
-            out["F"] = np.array(values)
-            out["G"] = np.where(population.usable, -1.0, 1.0)[:, None]
+            found = np.array(values, dtype=np.float64).reshape(-1, count)
+            finite = np.isfinite(found).all(axis=1)
+            out["F"] = np.where(finite[:, None], found, penalty)
+            out["G"] = np.where(population.usable & finite, -1.0, 1.0)[:, None]
 
     return DeformProblem()

@@ -13,15 +13,19 @@ def sim_function(h: Any, persis_info: Any, sim_specs: Dict[str, Any], *_: Any) -
     """A sim_f of libEnsemble: evaluates the rows of H["x"] (m, k) in one batch and gives "f", and "usable" where sim_specs["out"] has it.
 
     sim_specs["user"]: "system", a System or CompiledDeformation (both travel to workers, which connect anew), "objective"(points, report), and
-    "penalty", 1e30 unless given, which is f of designs that must not be used.
+    "penalty", 1e30 unless given, which is f of designs that must not be used or have no finite value.
     """
     user = sim_specs["user"]
     objective: Objective = user["objective"]
     population = user["system"].deform(np.ascontiguousarray(h["x"]))
     out = np.zeros(len(h), dtype=sim_specs["out"])
-    out["f"] = [user.get("penalty", 1e30) if report.bad else objective(points, report) for points, report in zip(population.points, population.reports)]
+    usable = population.usable
+    for i, (points, report) in enumerate(zip(population.points, population.reports)):
+        value = np.nan if report.bad else np.asarray(objective(points, report), dtype=np.float64)
+        usable[i] = np.isfinite(value).all()
+        out["f"][i] = value if usable[i] else user.get("penalty", 1e30)
     if "usable" in (out.dtype.names or ()):
-        out["usable"] = population.usable
+        out["usable"] = usable
     return out, persis_info
 
 
