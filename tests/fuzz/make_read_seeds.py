@@ -245,6 +245,23 @@ def openfoam_parts_seeds():
                                part(points[1:], [(0, 1, 3), (0, 3, 2), (1, 2, 3), (0, 2, 1)], [b"4(1 2 3 4)", b"4(5 6 7 -1)", b"1(1)"]))
 
 
+def collated_seeds():
+    """The points of two tetrahedra, each of a part; see fuzz_read_collated.cpp."""
+    points = b"4((0 0 0)(1 0 0)(0 1 0.5)(0 0 1))"
+    raw = b"4(" + struct.pack("<12d", *[c for p in POINTS for c in p]) + b")"
+
+    def file(around, *blocks):
+        head = b'FoamFile\n{\n    version 2.0;\n    ' + around + b"\n    class decomposedBlockData;\n    location \"c\";\n    object points;\n}\n// c\n"
+        return bytes([len(blocks)]) + head + b"".join(b"\n// Processor%d\n\n%d(%s)\n" % (i, len(b), b) for i, b in enumerate(blocks))
+
+    own = b'FoamFile { version 2.0; format ascii; class vectorField; object points; }\n'
+    form = b'format binary; arch "LSB;label=32;scalar=64";'
+    yield "text", file(b"format ascii;", own + points, points)
+    yield "binary", file(form, b"FoamFile { " + form + b" class vectorField; }\n" + raw, raw)
+    yield "new", file(b"format ascii; data.format binary; arch \"LSB;label=32;scalar=64\";", raw, raw, raw)
+    yield "one_headless", file(b"format ascii;", points)
+
+
 def netcdf_header_seeds():
     """Two dimensions, an attribute, a variable of doubles and one of records."""
     for version in (1, 2, 5):
@@ -267,7 +284,7 @@ def netcdf_header_seeds():
 
 def main():
     corpus = pathlib.Path(sys.argv[1])
-    for name, seeds in (("abaqus", abaqus_seeds()), ("gmsh", gmsh_seeds()), ("medit", medit_seeds()), ("nastran", nastran_seeds()),
+    for name, seeds in (("abaqus", abaqus_seeds()), ("collated", collated_seeds()), ("gmsh", gmsh_seeds()), ("medit", medit_seeds()), ("nastran", nastran_seeds()),
                         ("netcdf_header", netcdf_header_seeds()), ("obj", obj_seeds()), ("off", off_seeds()),
                         ("openfoam", openfoam_seeds()), ("openfoam_parts", openfoam_parts_seeds()), ("ply", ply_seeds()),
                         ("stl", stl_seeds()), ("su2", su2_seeds()), ("vtk", vtk_seeds()), ("vtu", vtu_seeds())):

@@ -59,6 +59,7 @@ LatticeOutcome write_lattice_of(const LatticeCommand& options, const SetupFile& 
   const ControlLattice lattice = control_lattice(file.setup, *mesh);
   LatticePicture picture{lattice, moved_places(options, file.setup, lattice.controls(), lattice.places), {}, {}};
   if (selects_controls(file.setup)) {
+    move_images(mirror_planes(file.setup, *mesh), lattice.places, picture.moved);
     picture.labels = control_labels(file.setup, lattice.controls());
     picture.handles = handle_names(file.setup);
   }

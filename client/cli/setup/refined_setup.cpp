@@ -105,6 +105,9 @@ class Rewriting {
     if (!refinement_.values.empty() && setup_.then_size() > 0) {
       refuse("then: a setup with several methods cannot start from a design; refine its lattice at rest, without values");
     }
+    if (!refinement_.values.empty() && setup_.symmetry_size() > 0) {
+      refuse("--set: a setup with symmetry planes cannot start from a design; refine its lattice at rest, without values");
+    }
     if (refinement_.values.empty() || selects_controls(setup_)) return;
     refuse(
         "--set: only with control CONTROLS variables move control points; with ENERGY and MESH they follow from the handles when "

@@ -18,8 +18,9 @@ namespace {
 
 // Below 1e-8 rounding is multiplied to more than 1e-7 of the motion.
 constexpr double candidates_per_decade = 4, first_decade = 1, last_decade = 8;
-constexpr double negligible_misfit = 1e-5;  // of the prescribed values: what keeping control points back may cost
-constexpr double rounding_growth = 8;       // of singular values, over epsilon times the largest one
+// Of the prescribed values: what keeping control points back may cost, and where the L-curve says nothing.
+constexpr double negligible_misfit = 1e-6, bearable_misfit = 3e-5;
+constexpr double rounding_growth = 8;  // of singular values, over epsilon times the largest one
 
 std::vector<std::int64_t> reached(const FunctionRows& rows, const std::vector<PointId>& held) {
   std::vector<std::int64_t> result = reached_functions(rows, held);
@@ -101,20 +102,7 @@ double ClampedInverse::automatic_clamp(const Eigen::MatrixXd& U, const Eigen::Ve
   const double all = fields.squaredNorm();
   const Eigen::VectorXd squares = parts.rowwise().squaredNorm();
   // What no function can meet, so that small misfits are not differences of large numbers.
-  const double beyond = (fields -
-                         [&] {
-                           Eigen::MatrixXd met = Eigen::MatrixXd::Zero(fields.rows(), fields.cols());
-                           const Eigen::MatrixXd in_rows = U * parts;
-                           for (const Group& group : groups_) {
-                             const Eigen::MatrixXd back = in_rows.middleRows(group.first, group.rows);
-                             const Eigen::MatrixXd at = group.Q.size() > 0 ? Eigen::MatrixXd(group.Q * back) : back;
-                             for (std::size_t i = 0; i < group.points.size(); ++i) {
-                               met.row(group.points[i]) = at.row(static_cast<Eigen::Index>(i));
-                             }
-                           }
-                           return met;
-                         }())
-                            .squaredNorm();
+  const double beyond = (fields - at_points(U * parts)).squaredNorm();
   double best = 0, least = std::numeric_limits<double>::infinity();
   for (double decade = first_decade; decade <= last_decade; decade += 1 / candidates_per_decade) {
     const double candidate = std::pow(10.0, -decade);
@@ -135,20 +123,27 @@ double ClampedInverse::automatic_clamp(const Eigen::MatrixXd& U, const Eigen::Ve
   return best > 0 ? best : std::pow(10.0, -first_decade);
 }
 
-/// The L-curve knows the affine motions of handles only. Where one handle holds much of the model, these are met with any clamp,
-/// and with a weak one everything else makes control points swing. What handles are missed by stays negligible.
+/// The L-curve knows the affine motions of handles only. If one handle holds all points, these are met with any clamp, and with a
+/// weak one everything else makes control points swing. Where handles move against each other or against what is fixed, what they
+/// are missed by is what the clamp is chosen for, and stays negligible, whatever other motions do to control points. At every
+/// point: a mean over many would hide those that are missed.
 double ClampedInverse::strengthened(double clamp, const ThinSvd& svd, const Typical& typical) const {
   if (typical.waves.cols() == 0) return clamp;
   const Eigen::MatrixXd parts = svd.U.transpose() * compressed(typical.waves);
-  const Eigen::VectorXd squares = (svd.U.transpose() * compressed(typical.fields)).rowwise().squaredNorm();
+  const Eigen::MatrixXd of_fields = svd.U.transpose() * compressed(typical.fields);
   const auto rank_of = [&](double candidate) {
     Eigen::Index rank = 1;
     while (rank < svd.values.size() && svd.values[rank] > candidate * svd.values[0]) ++rank;
     return rank;
   };
   // Of what a clamp leaves out; the rest no clamp meets.
-  const auto misfit_of = [&](Eigen::Index rank) { return std::sqrt(squares.tail(squares.size() - rank).sum()); };
-  const double most_misfit = negligible_misfit * typical.fields.norm(), strongest = std::pow(10.0, -first_decade);
+  const auto misfit_of = [&](Eigen::Index rank) {
+    const Eigen::Index left = of_fields.rows() - rank;
+    return left == 0 ? 0.0 : at_points(svd.U.rightCols(left) * of_fields.bottomRows(left)).rowwise().norm().maxCoeff();
+  };
+  const bool one_handle = typical.fields.cols() == 4 && (typical.fields.col(0).array() == 1).all();
+  const double most_misfit = (one_handle ? bearable_misfit : negligible_misfit) * typical.fields.rowwise().norm().maxCoeff();
+  const double strongest = std::pow(10.0, -first_decade);
   double best = clamp, least = std::numeric_limits<double>::infinity();
   for (double next = clamp; next < strongest && least > most_motion; next *= std::pow(10.0, 1 / candidates_per_decade)) {
     const Eigen::Index rank = rank_of(next);
@@ -168,6 +163,16 @@ Eigen::MatrixXd ClampedInverse::compressed(const Eigen::MatrixXd& h) const {
     for (std::size_t i = 0; i < group.points.size(); ++i) part.row(static_cast<Eigen::Index>(i)) = h.row(group.points[i]);
     if (group.Q.size() > 0) part = Eigen::MatrixXd(group.Q.transpose() * part);
     result.middleRows(group.first, group.rows) = part;
+  }
+  return result;
+}
+
+Eigen::MatrixXd ClampedInverse::at_points(const Eigen::MatrixXd& rows) const {
+  Eigen::MatrixXd result = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(held_), rows.cols());
+  for (const Group& group : groups_) {
+    Eigen::MatrixXd part = rows.middleRows(group.first, group.rows);
+    if (group.Q.size() > 0) part = Eigen::MatrixXd(group.Q * part);
+    for (std::size_t i = 0; i < group.points.size(); ++i) result.row(group.points[i]) = part.row(static_cast<Eigen::Index>(i));
   }
   return result;
 }

@@ -33,9 +33,9 @@ class ClampedInverse : public HeldInverse {
   /// the L-curve of the typical fields (misfit, of which less than 1e-7 of the fields does not count, against motion of the
   /// control points, both logarithmic: Reginska 1996; Hansen, Rank-Deficient and Discrete Ill-Posed Problems, 7.5), or the next
   /// larger one that moves control points by at most most_motion for the waves, as far as the misfit of the fields stays below
-  /// 1e-5 of them. Throws Error(invalid_argument) for more than
-  /// most_functions functions, Error(numerical_failure) if all functions are zero at all held points, and what thin_svd() and the
-  /// context throw.
+  /// 1e-6 of them at every held point, or 3e-5 if all points are those of one handle, as affine motions of all say little then.
+  /// Throws Error(invalid_argument) for more than most_functions functions, Error(numerical_failure) if all functions are zero at
+  /// all held points, and what thin_svd() and the context throw.
   ClampedInverse(const FunctionRows& rows, const std::vector<PointId>& held, double clamp, const Typical& typical,
                  const RunContext& context);
 
@@ -69,6 +69,8 @@ class ClampedInverse : public HeldInverse {
   };
   static std::vector<Group> groups_of(const FunctionRows& rows, const std::vector<PointId>& held);
   Eigen::MatrixXd compressed(const Eigen::MatrixXd& h) const;
+  /// The transpose: values at the held points from compressed rows.
+  Eigen::MatrixXd at_points(const Eigen::MatrixXd& rows) const;
   double automatic_clamp(const Eigen::MatrixXd& U, const Eigen::VectorXd& values, const Eigen::MatrixXd& fields) const;
   double strengthened(double clamp, const ThinSvd& svd, const Typical& typical) const;
 

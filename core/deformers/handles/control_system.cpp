@@ -334,7 +334,10 @@ Estimate estimate_controls(const Mesh& mesh, const ControlModel& model, const En
                           k * (sizeof(std::size_t) + 2 * sizeof(std::uint32_t) * (std::size_t{1} << regions.symmetry.planes())) +
                           k * (sizeof(Vec3) + 4 * sizeof(double)) + (n + model.outside.size()) * sizeof(PointId);
   estimate.resident_bytes = estimate.basis_bytes + own;
-  estimate.peak_bytes = own + k +
+  // A copy of the mesh whose points are where their functions are taken, while these are found.
+  const std::size_t placed = n * (3 * sizeof(Vec3) + 2 * sizeof(std::uint32_t) + 1) +
+                             (mesh.face_sizes.size() + mesh.face_points.size()) * sizeof(std::uint32_t);
+  estimate.peak_bytes = own + k + (regions.symmetry.empty() ? 0 : placed) +
                         (basis ? (parts - 1) * HandleBasis::bytes_for(n, fields, options.basis_tolerance) +
                                      HandleBasis::peak_bytes_for(n, fields, options.basis_tolerance)
                                : 0);

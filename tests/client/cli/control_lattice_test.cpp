@@ -90,6 +90,47 @@ TEST(ControlLattice, IsRefusedWithItsField) {
   });
 }
 
+/// Half of a box, its other half beyond y = 1.
+Mesh half_box() {
+  Mesh mesh;
+  for (const double x : {0.0, 4.0}) {
+    for (const double y : {1.0, 3.0}) {
+      for (const double z : {0.0, 2.0}) mesh.points.push_back({x, y, z});
+    }
+  }
+  return mesh;
+}
+
+TEST(ControlLattice, SurroundsTheImagesOfAHalfModel) {
+  const std::string automatic = "method: {ffd: {control: CONTROLS, lattice: {points: [5, 7, 4]}}}\n";
+  const double padding = 0.02 * 6;  // of the diagonal of 4 x 4 x 2
+  for (const char* plane :
+       {"symmetry: [{point: [7, 1, 0], normal: [0, -3, 0]}]\n", "symmetry: [{region: {ids: [0, 1, 4, 5]}}]\n"}) {
+    const ControlLattice lattice = control_lattice(setup(automatic + plane), half_box());
+    const LatticeFrame& frame = lattice.lattice.frame();
+    EXPECT_NEAR(frame.origin[1], -1 - padding, 1e-14);
+    EXPECT_NEAR(frame.axes[1][1], 4 + 2 * padding, 1e-14);
+    EXPECT_NEAR(frame.origin[0], -padding, 1e-14);
+    EXPECT_NEAR(frame.axes[0][0], 4 + 2 * padding, 1e-14);
+  }
+  expect_error(ErrorCode::invalid_argument, {"method.ffd.lattice", "symmetry[0]", "`box`"},
+               [&] { control_lattice(setup(automatic + "symmetry: [{region: {ids: [0, 3, 4, 7]}}]\n"), half_box()); });
+}
+
+TEST(ControlLattice, MovesMirrorImagesOfControlPoints) {
+  const v1::Setup moving = setup(std::string(clamped) + "symmetry: [{point: [0, 3, 0], normal: [0, 1, 0]}]\n");
+  const ControlLattice lattice = control_lattice(moving, half_box());
+  std::vector<Vec3> moved = moved_controls(moving, lattice, {0.25, 0.7, 0});
+  const std::vector<Vec3> before = moved;
+  move_images(mirror_planes(moving, half_box()), lattice.places, moved);
+  for (std::size_t k = 0; k < 4; ++k) {
+    const Vec3& own = before[3 + 16 * k];
+    EXPECT_EQ(moved[3 + 16 * k], own);
+    for (std::size_t c = 0; c < 3; ++c) EXPECT_NEAR(moved[15 + 16 * k][c], c == 1 ? 6 - own[c] : own[c], 1e-14);
+    EXPECT_EQ(moved[7 + 16 * k], lattice.places[7 + 16 * k]);
+  }
+}
+
 class ControlFile : public testing::Test {
  protected:
   void SetUp() override {

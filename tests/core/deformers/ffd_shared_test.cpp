@@ -47,18 +47,18 @@ Result result_of(const std::shared_ptr<const Mesh>& mesh, std::size_t points, Ff
 
 TEST(FfdOnFandisk, SmallClampsThrowControlPointsFar) {
   const std::shared_ptr<const Mesh> mesh = io::read_mesh_file(folder / "fandisk.off.gz")->mesh();
-  for (const std::size_t points : {5u, 7u, 9u, 11u}) {
+  for (const std::size_t points : {5u, 6u, 7u, 8u, 9u, 10u, 11u}) {
     std::map<double, Result> by;
     for (const double clamp : {0.0, 1e-4, 1e-6, 1e-12}) by[clamp] = result_of(mesh, points, FfdControl::mesh, clamp);
     EXPECT_GE(by[1e-4].misfit, by[1e-12].misfit);
-    if (points < 11) {
+    if (points < 11 && points != 8 && points != 10) {  // these meet the handles, and nothing is left to move far for
       EXPECT_GE(by[1e-12].motion, 10 * by[1e-6].motion);
     }
     double best = by[0].misfit;  // without control points far away
     for (const auto& [clamp, result] : by) {
       if (result.motion <= 3) best = std::min(best, result.misfit);
     }
-    EXPECT_LT(by[0].misfit, std::max(3 * best, 1e-5)) << points;  // the latter is what clamps may cost
+    EXPECT_LT(by[0].misfit, std::max(3 * best, 1e-6)) << points;  // the latter is what clamps may cost
     EXPECT_LT(by[0].motion, 3) << points;
   }
 }
