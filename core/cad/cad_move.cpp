@@ -418,7 +418,9 @@ Correspondence match(Model& before, Model& after, const std::vector<ForcedPair>&
   }
   Model old = unified(before), now = unified(after);
   const bool merged = !same_counts(old, before) || !same_counts(now, after);
-  if (merged && (differ || !structures_differ(old, now))) {
+  // Faces that became ones of another type, as those of cad-apply, are not merged any more: then counts that agreed would differ.
+  const bool comparable = same_counts(old, now) || !same_counts(before, after);
+  if (merged && (differ ? comparable : !structures_differ(old, now))) {
     before = std::move(old);
     after = std::move(now);
   }

@@ -97,7 +97,8 @@ std::optional<std::string> doubt_of_place(const Model& model, const MeshMotion& 
   }
   if (near.empty()) return std::nullopt;
   const std::size_t step = 1 + (near.size() - 1) / most_checked;
-  std::size_t checked = 0, off = 0;
+  std::size_t checked = 0;
+  std::size_t off = 0;
   double farthest = 0;
   for (std::size_t i = 0; i < near.size(); i += step) {
     const BRepExtrema_DistShapeShape found(BRepBuilderAPI_MakeVertex(near[i]).Vertex(), faces);

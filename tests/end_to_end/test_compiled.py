@@ -188,6 +188,19 @@ class Compiled(EndToEnd):
         self.assertNotEqual(points, read_obj(self.path("ahmed.obj"))[0])
         self.assertLessEqual(max(max(abs(a - b) for a, b in zip(p, q)) for p, q in zip(points, right)), 1e-14 * 1.2)
 
+    def test_the_mesh_is_that_of_the_setup(self):
+        """Not the file of the same points that was registered first, whose name the server knows."""
+        self.compile()
+        with open(self.path("ahmed.obj")) as file:
+            self.write("copy.obj", "# a copy\n" + file.read())
+        self.write("copy.yaml", AHMED_SETUP.replace("ahmed.obj", "copy.obj"))
+        compiled = self.compile("copy.yaml", "copy.deformation")
+        self.assertEqual(compiled["mesh"], "copy.obj")
+        self.assertEqual(compiled["bytes"], os.path.getsize(self.path("copy.deformation")))
+        self.deform("apply", "copy.deformation", *settings(DESIGN), "-o", "out.obj")
+        with open(self.path("out.obj")) as file:
+            self.assertEqual(file.readline(), "# a copy\n")
+
     def test_a_basis_to_a_tolerance_is_small(self):
         self.write("small.yaml", AHMED_SETUP.replace("kernel: TRIHARMONIC", "kernel: TRIHARMONIC, basis_tolerance: 1e-6"))
         plain, small = self.compile()["bytes"], self.compile("small.yaml", "small.deformation")["bytes"]

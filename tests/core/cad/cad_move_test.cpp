@@ -5,6 +5,8 @@
 #include <gtest/gtest.h>
 
 #include <BRepAlgoAPI_Cut.hxx>
+#include <BRepAlgoAPI_Fuse.hxx>
+#include <BRepBuilderAPI_NurbsConvert.hxx>
 #include <BRepBuilderAPI_Transform.hxx>
 #include <BRepPrimAPI_MakeBox.hxx>
 #include <BRepPrimAPI_MakeCylinder.hxx>
@@ -144,6 +146,16 @@ TEST_F(CadMove, OtherStructuresAreRefusedByName) {
   const std::string text = refusal(box(1, 2, 3), hole, box_mesh(1, 2, 3, 2));
   EXPECT_THAT(text, HasSubstr("differ in structure: 6 faces, 12 edges and 8 vertices became 7 faces, 15 edges and 10 vertices"));
   EXPECT_THAT(text, HasSubstr("face 7 (cylinder) of the new model has 1 loop of 4 edges in all and no partner"));
+}
+
+TEST_F(CadMove, OtherTypesAreNamedWithTheFacesOfTheFiles) {
+  // Only the planes of the old model would be merged, to 6 faces.
+  const TopoDS_Shape split = BRepAlgoAPI_Fuse(box(1, 2, 3), BRepPrimAPI_MakeBox(gp_Pnt(1, 0, 0), 1, 2, 3).Shape()).Shape();
+  const std::string text = refusal(split, BRepBuilderAPI_NurbsConvert(split, true).Shape(), box_mesh(2, 2, 3, 2));
+  EXPECT_THAT(text,
+              HasSubstr("differ in structure: 10 faces, 20 edges and 12 vertices became 10 faces, 20 edges and 12 vertices"));
+  EXPECT_THAT(text, HasSubstr("(plane)"));
+  EXPECT_THAT(text, HasSubstr("(B-spline)"));
 }
 
 TEST_F(CadMove, TwoWaysThatFitAlikeAreRefused) {

@@ -294,11 +294,30 @@ TEST_F(OpenFoamFolder, WritesPointsOfATimeAndReadsThem) {
   EXPECT_EQ(read_mesh_file(folder_)->mesh()->points, file->mesh()->points) << "the original stays";
 }
 
+TEST_F(OpenFoamFolder, TwoFoldersOfOneTimeAreRefused) {
+  const auto file = read_mesh_file(folder_);
+  write_mesh_file(*file, file->mesh()->points, folder_ / "0.5");
+  const std::string there = "is the same time as " + (folder_ / "0.5").string();
+  for (const fs::path& output : {folder_ / "0.50", folder_ / "5e-1" / "", folder_ / "0.500" / "polyMesh" / ".."}) {
+    test::expect_error(ErrorCode::invalid_argument, {output.c_str(), there.c_str()},
+                       [&] { check_openfoam_output(folder_, output); });
+  }
+  for (const char* output : {"0.5", "0.51", "5", "0.5.orig", "fine"}) {
+    EXPECT_NO_THROW(check_openfoam_output(folder_, folder_ / output)) << output;
+  }
+  EXPECT_NO_THROW(check_openfoam_output(folder_, folder_.parent_path() / "elsewhere" / "0.50"));
+}
+
 TEST_F(OpenFoamFolder, SaysWhatIsMissing) {
   fs::remove(folder_ / "constant" / "polyMesh" / "faces.gz");
   test::expect_error(ErrorCode::not_found, {"cannot open", "faces"}, [&] { read_mesh_file(folder_); });
   fs::remove(folder_ / "constant" / "polyMesh" / "points.gz");
-  test::expect_error(ErrorCode::invalid_argument, {"unknown mesh format", "OpenFOAM"}, [&] { read_mesh_file(folder_); });
+  test::expect_error(ErrorCode::invalid_argument, {folder_.c_str(), "without an OpenFOAM mesh", "constant/polyMesh/points"},
+                     [&] { read_mesh_file(folder_); });
+  for (const char* name : {"0.07", "0.07/fluid", "processor0"}) {
+    test::expect_error(ErrorCode::not_found, {"cannot open", name, "no such file or folder"},
+                       [&] { read_mesh_file(folder_ / name); });
+  }
 }
 
 /// Two other cubes: the same cells, but with one more point in every face.

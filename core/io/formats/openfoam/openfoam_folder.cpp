@@ -155,7 +155,10 @@ std::unique_ptr<MeshFile> read_openfoam(const fs::path& path) {
 }
 
 void explain_no_mesh(const fs::path& path) {
-  if (!fs::is_directory(path)) return;
+  if (!fs::is_directory(path)) {
+    if (fs::exists(path) || find_reader(path.string()) != nullptr) return;
+    throw Error(ErrorCode::not_found, "cannot open " + path.string() + ": there is no such file or folder");
+  }
   std::vector<std::string> regions, parts;
   std::error_code unreadable;
   for (const auto& entry : fs::directory_iterator(path / "constant", unreadable)) {
@@ -179,6 +182,10 @@ void explain_no_mesh(const fs::path& path) {
     throw Error(ErrorCode::invalid_argument,
                 path.string() + ": is a decomposed OpenFOAM case without a mesh in its collated parts, " + listed(parts));
   }
+  throw Error(
+      ErrorCode::invalid_argument,
+      path.string() +
+          ": is a folder without an OpenFOAM mesh; there is no constant/polyMesh/points, polyMesh/points or points in it");
 }
 
 namespace {
@@ -210,6 +217,17 @@ void check_part(const CasePlace& from, const fs::path& output, const fs::path& a
   }
 }
 
+/// OpenFOAM takes either of two folders of one time, such as 0.1 and 0.10.
+void check_same_time(const fs::path& output, const CasePlace& to) {
+  const fs::path instance = fs::absolute(output).lexically_normal().lexically_relative(to.root).begin()->string();
+  std::error_code unreadable;
+  for (const auto& entry : fs::directory_iterator(to.root, unreadable)) {
+    if (time_of(entry.path()) == to.time && entry.path().filename() != instance) {
+      refuse_output(output, "is the same time as " + entry.path().string() + ", which is there; write to that, or remove it");
+    }
+  }
+}
+
 }  // namespace
 
 void check_openfoam_output(const fs::path& source, const fs::path& output) {
@@ -226,6 +244,7 @@ void check_openfoam_output(const fs::path& source, const fs::path& output) {
   if (!from || around.empty()) return;
   check_part(*from, output, around);
   const auto to = place_in_case(output);
+  if (to && to->time) check_same_time(output, *to);
   const fs::path region = to ? to->region : fs::path();
   if (from->region == region) return;
   if (from->region.empty()) {

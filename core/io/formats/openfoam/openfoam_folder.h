@@ -34,11 +34,13 @@ std::size_t openfoam_point_count(const FoamFiles::Part& points);
 
 /// Whether the path is a folder with a polyMesh, the `points` of one, or a time or region folder of a case.
 bool is_openfoam(const std::filesystem::path& path);
-/// Throws Error(invalid_argument) if a folder that is not is_openfoam() is a case of several regions or of collated parts.
+/// Of a path that is not is_openfoam(): throws Error(invalid_argument) if it is a folder, saying whether it is a case of several
+/// regions or of collated parts, and Error(not_found) if nothing is there and the name is that of no format.
 void explain_no_mesh(const std::filesystem::path& path);
 /// Throws Error(invalid_argument) if a mesh written to `output` would not be found there again: a case instead of one of its time
 /// folders, a time folder instead of the region of the source in it or a region where the source has none, or a folder of the
-/// whole case or of another part for a source in one part (processorN) of a decomposed case, and the other way round.
+/// whole case or of another part for a source in one part (processorN) of a decomposed case, and the other way round; or if the
+/// case has a folder of the same time under another name.
 void check_openfoam_output(const std::filesystem::path& source, const std::filesystem::path& output);
 /// Reads a mesh. Faces, cells and patches that are not next to the points are taken from the last time folder up to that of the
 /// points that has some, otherwise from constant, in the same region. Throws Error(invalid_argument) if those faces leave
