@@ -17,6 +17,7 @@
 #include "core/base/vectors.h"
 #include "core/deformers/setup.h"
 #include "core/deformers/system.h"
+#include "tests/core/deformers/contract_parts.h"
 #include "tests/core/deformers/shapes.h"
 #include "tests/core/deformers/space_cases.h"
 #include "tests/core/deformers/wide.h"
@@ -143,7 +144,15 @@ struct Case {
   bool flat = false;                                ///< all points have the same z
   std::vector<std::vector<PointId>> sets;           ///< points of each constraint
   double unit = 1;                                  ///< length of the model, about
+
+  bool exact() const {
+    const auto& all = setup.constraints;
+    return std::any_of(all.begin(), all.end(), [](const Constraint& constraint) { return constraint.exact; });
+  }
 };
+
+/// Seeds from here have exact constraints.
+constexpr std::uint64_t exact_seeds = std::uint64_t{1} << 20;
 
 /// Makes a setup step by step.
 class Maker {
@@ -167,12 +176,21 @@ class Maker {
       made_.kind = energies[seed_ / 20 % 6];
       constrained_ = true;
     }
+    if (exact()) {
+      constexpr Kind energies[] = {Kind::shell, Kind::ffd, Kind::shell, Kind::mls, Kind::shell, Kind::subspace};
+      made_.kind = energies[seed_ % 6];
+      constrained_ = true;
+    }
     large_ = made_.kind == Kind::rbf && most_ > 1000 && dice_.once_in(60);
     choose_mesh();
     const bool of_controls = made_.kind == Kind::ffd_controls || made_.kind == Kind::cage || made_.kind == Kind::green;
     choose_method();
     if (!of_controls) choose_regions();
-    if (constrained_) choose_constraints();
+    if (exact()) {
+      choose_exact();
+    } else if (constrained_) {
+      choose_constraints();
+    }
     choose_designs();
     made_.setup.seed = seed_;
     made_.mesh = shared(std::move(mesh_));
@@ -180,6 +198,7 @@ class Maker {
   }
 
  private:
+  bool exact() const { return (seed_ & exact_seeds) != 0; }
   bool is_energy() const {
     return made_.kind == Kind::shell || made_.kind == Kind::subspace || made_.kind == Kind::mls || made_.kind == Kind::ffd;
   }
@@ -193,6 +212,11 @@ class Maker {
     if (is_energy()) count = std::min<std::size_t>(count, constrained_ ? 180 : most_ > 1000 ? 500 : 300);
     if (constrained_) held_count_ = std::min<std::size_t>(held_count_, 60);
     if (made_.kind == Kind::damped) count = std::max<std::size_t>(count, 250);
+    if (exact()) {
+      held_count_ = 8 + dice_.pick(24);
+      count = 60 + dice_.pick(60);
+      if (!dice_.once_in(3)) return make_part();
+    }
     const std::size_t shape = dice_.pick(is_energy() ? 3 : 5);
     const bool cells = shape == 2 && made_.kind != Kind::shell && made_.kind != Kind::subspace;
     double spacing = 0;
@@ -216,6 +240,15 @@ class Maker {
     }
     const bool symmetric = made_.kind == Kind::rbf && !large_ && shape == 0 && dice_.once_in(3);
     place_mesh(spacing, symmetric);
+  }
+
+  /// The shapes hold exactly, or nearly.
+  void make_part() {
+    Part part = capped_cylinder(8 + dice_.pick(6), 3 + dice_.pick(4));
+    mesh_ = std::move(part.mesh);
+    families_ = std::move(part.families);
+    constexpr double noise[] = {0, 1e-6, 1e-2};
+    place_mesh(noise[dice_.pick(3)], false);
   }
 
   void place_mesh(double spacing, bool symmetric) {
@@ -463,7 +496,7 @@ class Maker {
     std::size_t centre = dice_.pick(mesh_.point_count());
     while (taken[centre]) centre = (centre + 1) % mesh_.point_count();
     const Vec3 at = mesh_.points[centre];
-    const std::size_t kind = dice_.pick(4);
+    const std::size_t kind = families_.empty() ? dice_.pick(4) : 2 + dice_.pick(2);  // a part has points at the same distance
     std::vector<std::pair<double, PointId>> order;
     for (std::size_t i = 0; i < mesh_.point_count(); ++i) {
       const Vec3 d = mesh_.points[i] - at;
@@ -567,6 +600,48 @@ class Maker {
     if (dice_.once_in(2)) made_.setup.constraint_options.tolerance = dice_.power(-10, -3);
   }
 
+  /// One to three that have points in common, or one in another, half of them with held points in them.
+  void choose_exact() {
+    std::vector<bool> held(mesh_.point_count());
+    const bool inside = dice_.once_in(2);
+    for (const PointId id : made_.fixed[0]) held[id] = !inside;
+    for (const auto& ids : made_.handles) {
+      for (const PointId id : ids) held[id] = !inside;
+    }
+    std::vector<PartSet> sets = families_.empty() ? nested_sets() : families_[dice_.pick(families_.size())];
+    for (auto& [kind, ids] : sets) {
+      std::erase_if(ids, [&](PointId id) { return static_cast<bool>(held[id]); });
+      std::sort(ids.begin(), ids.end());
+      if (ids.size() < (std::holds_alternative<Straight>(kind) ? 3 : std::holds_alternative<Circular>(kind) ? 5 : 8)) continue;
+      Constraint constraint{"constraint " + std::to_string(made_.sets.size()), {{Region::Ids{ids}}}, kind};
+      if (dice_.once_in(2)) constraint.weight = dice_.power(3, 9);
+      constraint.exact = !dice_.once_in(8) || made_.sets.empty();
+      made_.setup.constraints.push_back(std::move(constraint));
+      made_.sets.push_back(std::move(ids));
+    }
+    if (dice_.once_in(2)) made_.setup.constraint_options.tolerance = dice_.power(-10, -3);
+    vigour_ = dice_.power(-2, 0);
+  }
+
+  /// Blobs around one point, each in the one before.
+  std::vector<PartSet> nested_sets() {
+    const Vec3 at = mesh_.points[dice_.pick(mesh_.point_count())];
+    std::vector<std::pair<double, PointId>> order;
+    for (std::size_t i = 0; i < mesh_.point_count(); ++i) order.emplace_back(norm(mesh_.points[i] - at), static_cast<PointId>(i));
+    std::sort(order.begin(), order.end());
+    std::vector<PartSet> sets;
+    std::size_t size = 12 + dice_.pick(24);
+    const std::size_t count = 1 + dice_.pick(2);
+    for (std::size_t t = 0; t < count; ++t) {
+      const ConstraintKind kinds[] = {Spherical{}, Planar{}, Rigid{}, FixedPlane{at, dice_.direction()}, Straight{}};
+      auto& [kind, ids] = sets.emplace_back(kinds[t == 0 ? dice_.pick(4) : 1 + dice_.pick(4)], std::vector<PointId>{});
+      for (std::size_t i = 0; i < std::min(size, order.size()); ++i) ids.push_back(order[i].second);
+      if (std::holds_alternative<Spherical>(kind)) break;  // it would end as a plane
+      size = std::max<std::size_t>(6, size / 2);
+    }
+    return sets;
+  }
+
   /// Where a handle is: a place about which it turns.
   Vec3 middle(std::size_t handle) {
     Vec3 at = mesh_.points[made_.handles[handle].front() % mesh_.point_count()];
@@ -574,7 +649,7 @@ class Maker {
   }
 
   Vec3 shift() {
-    Vec3 v = dice_.uniform(0.02, 0.4) * made_.unit * dice_.direction();
+    Vec3 v = vigour_ * dice_.uniform(0.02, 0.4) * made_.unit * dice_.direction();
     if (made_.symmetric) v[1] = 0;
     return v;
   }
@@ -588,7 +663,7 @@ class Maker {
       return map;
     }
     const Vec3 at = middle(handle);
-    const double angle = dice_.uniform(-0.5, 0.5), c = std::cos(angle), s = std::sin(angle);
+    const double angle = vigour_ * dice_.uniform(-0.5, 0.5), c = std::cos(angle), s = std::sin(angle);
     const std::size_t axis = made_.symmetric ? 1 : dice_.pick(3), u = (axis + 1) % 3, v = (axis + 2) % 3;
     map[4 * u + u] = map[4 * v + v] = c;
     map[4 * u + v] = -s;
@@ -596,7 +671,7 @@ class Maker {
     if (kind >= 2) {
       for (std::size_t k = 0; k < 3; ++k) {
         for (std::size_t l = 0; l < 3; ++l) {
-          if (!made_.symmetric || (k != 1 && l != 1)) map[4 * k + l] += dice_.uniform(-0.15, 0.15);
+          if (!made_.symmetric || (k != 1 && l != 1)) map[4 * k + l] += vigour_ * dice_.uniform(-0.15, 0.15);
         }
       }
     }
@@ -644,7 +719,7 @@ class Maker {
       if (std::holds_alternative<Translation>(variable.kind)) largest = 0.3 * made_.unit;
       if (const auto* turn = std::get_if<Rotation>(&variable.kind); turn != nullptr && turn->unit == AngleUnit::degrees)
         largest = 25;
-      result.push_back(dice_.uniform(-largest, largest));
+      result.push_back(vigour_ * dice_.uniform(-largest, largest));
     }
     return result;
   }
@@ -693,7 +768,9 @@ class Maker {
   const std::uint64_t seed_;
   const double most_;
   bool large_ = false, constrained_ = false;
+  std::vector<std::vector<PartSet>> families_;  ///< of the part, if the mesh is one
   std::size_t held_count_ = 0;
+  double vigour_ = 1;  ///< of motions
   Mesh mesh_;
   Case made_;
 };

@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <optional>
 #include <stdexcept>
 #include <variant>
 #include <vector>
@@ -56,9 +57,137 @@ inline Places on_sphere(const Places& x) {
   return result;
 }
 
-/// The nearest places of that kind.
-inline Places projected(const ConstraintKind& kind, const Places& rest, const Places& x, const Place& origin) {
+/// A circle or an infinite cylinder.
+struct Round {
+  Place centre = Place::Zero(), axis = Place::Zero();
+  Extended radius = 0;
+};
+
+/// The nearest one of all with the geometric distance, by Gauss and Newton's method from `start`, halving steps.
+class RoundFit {
+ public:
+  RoundFit(bool circle, const Places& x) : circle_(circle), x_(x) {}
+
+  Extended squares(const Round& at) const {
+    Extended sum = 0;
+    for (const Place& p : x_) {
+      const Place d = p - at.centre;
+      const Extended h = at.axis.dot(d), off = (d - h * at.axis).norm() - at.radius;
+      sum += off * off + (circle_ ? h * h : 0);
+    }
+    return sum;
+  }
+
+  Round improved(Round at) const {
+    constexpr Extended near = 1e-6L;  // from here the squares tell nothing any more
+    Extended now = squares(at), last = HUGE_VALL;
+    for (int step = 0; step < 300; ++step) {
+      const Place first = at.axis.unitOrthogonal(), second = at.axis.cross(first);
+      const Matrix change = step_at(at, first, second);
+      const Extended length = change.norm() / at.radius;
+      if (length <= near && length >= last) break;
+      bool taken = false;
+      Extended share = 1;
+      for (int halving = 0; halving < 12 && !taken; ++halving, share /= 2) {
+        Round next = at;
+        next.centre += share * (change(0, 0) * first + change(1, 0) * second + change(2, 0) * at.axis);
+        next.axis = (at.axis + share * (change(3, 0) * first + change(4, 0) * second)).normalized();
+        next.radius += share * change(5, 0);
+        const Extended then = squares(next);
+        taken = length <= near || then < now;
+        if (taken) at = next, now = then;
+      }
+      if (!taken || length <= 1e-18L) break;
+      last = length <= near ? length : HUGE_VALL;
+    }
+    return at;
+  }
+
+  Places nearest(const Round& at) const {
+    Places result;
+    for (const Place& p : x_) {
+      const Place d = p - at.centre;
+      const Extended h = at.axis.dot(d);
+      result.push_back(at.centre + at.radius * (d - h * at.axis).normalized() + (circle_ ? 0 : h) * at.axis);
+    }
+    return result;
+  }
+
+  /// From principal axes and, of a cylinder, directions all around, with the algebraic circle across each; the best.
+  Round best() const {
+    const Place mean = mean_of(x_);
+    Eigen::Matrix<Extended, 3, 3> product = Eigen::Matrix<Extended, 3, 3>::Zero();
+    for (const Place& p : x_) product += (p - mean) * (p - mean).transpose();
+    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<Extended, 3, 3>> axes(product);
+    std::optional<Round> best;
+    std::vector<Place> directions{axes.eigenvectors().col(0)};
+    for (int i = 0; i < 20 && !circle_; ++i) {
+      const Extended z = (i + 0.5L) / 20, turn = 2.399963229728653L * i, flat = std::sqrt(1 - z * z);
+      directions.emplace_back(flat * std::cos(turn), flat * std::sin(turn), z);
+    }
+    for (const Place& direction : directions) {
+      Round start;
+      start.axis = direction;
+      const Place first = start.axis.unitOrthogonal(), second = start.axis.cross(first);
+      const auto n = static_cast<Eigen::Index>(x_.size());
+      Matrix A(n, 3), b(n, 1);
+      for (Eigen::Index i = 0; i < n; ++i) {
+        const Place d = x_[static_cast<std::size_t>(i)] - mean;
+        A.row(i) << 2 * first.dot(d), 2 * second.dot(d), 1;
+        b(i, 0) = first.dot(d) * first.dot(d) + second.dot(d) * second.dot(d);
+      }
+      const Matrix c = A.colPivHouseholderQr().solve(b);
+      start.centre = mean + c(0, 0) * first + c(1, 0) * second;
+      start.radius = std::sqrt(std::max(Extended{0}, c(2, 0) + c(0, 0) * c(0, 0) + c(1, 0) * c(1, 0)));
+      const Round end = improved(start);
+      if (!best || squares(end) < squares(*best)) best = end;
+    }
+    return *best;
+  }
+
+ private:
+  Matrix step_at(const Round& at, const Place& first, const Place& second) const {
+    const auto n = static_cast<Eigen::Index>(x_.size()), rows = circle_ ? 2 * n : n;
+    Matrix A = Matrix::Zero(rows, 6), b = Matrix::Zero(rows, 1);
+    for (Eigen::Index i = 0; i < n; ++i) {
+      const Place d = x_[static_cast<std::size_t>(i)] - at.centre;
+      const Extended h = at.axis.dot(d);
+      const Place out = (d - h * at.axis).normalized();
+      const Extended along = -h / (d - h * at.axis).norm();
+      A.row(i) << -first.dot(out), -second.dot(out), 0, along * first.dot(d), along * second.dot(d), -1;
+      b(i, 0) = at.radius - (d - h * at.axis).norm();
+      if (!circle_) continue;
+      A.row(n + i) << 0, 0, -1, first.dot(d), second.dot(d), 0;
+      b(n + i, 0) = -h;
+    }
+    if (!circle_) {
+      Matrix five(rows, 5);
+      five << A.leftCols(2), A.rightCols(3);
+      const Matrix x = five.colPivHouseholderQr().solve(b);
+      Matrix result = Matrix::Zero(6, 1);
+      result.topRows(2) = x.topRows(2);
+      result.bottomRows(3) = x.bottomRows(3);
+      return result;
+    }
+    return A.colPivHouseholderQr().solve(b);
+  }
+
+  const bool circle_;
+  const Places& x_;
+};
+
+/// The nearest places of that kind. `near`, of circles and cylinders, is a shape from which the fit starts, or where it is stored
+/// that of the best of several.
+inline Places projected(const ConstraintKind& kind, const Places& rest, const Places& x, const Place& origin,
+                        std::optional<Round>* near = nullptr) {
   Places result = x;
+  const bool circle = std::holds_alternative<Circular>(kind);
+  if (circle || std::holds_alternative<Cylindrical>(kind)) {
+    const RoundFit fit(circle, x);
+    const Round at = near != nullptr && *near ? fit.improved(**near) : fit.best();
+    if (near != nullptr) *near = at;
+    return fit.nearest(at);
+  }
   if (const auto* plane = std::get_if<FixedPlane>(&kind)) {
     Place normal, point;
     for (Eigen::Index k = 0; k < 3; ++k) {
@@ -103,12 +232,15 @@ struct Set {
   ConstraintKind kind;
   std::vector<std::vector<std::pair<Eigen::Index, double>>> rows;  ///< functions at its points
   Places rest;
-  Place origin = Place::Zero();  ///< what has been subtracted from places
-  Extended weight = 0;           ///< of each point
+  Place origin = Place::Zero();       ///< what has been subtracted from places
+  Extended weight = 0;                ///< of each point
+  mutable std::optional<Round> last;  ///< circle or cylinder of the last projection, from which the next one starts
+  Places shift;                       ///< displacements that no function has, of held points; may be empty
 
   Places at(const Field& w) const {
     Places x = rest;
     for (std::size_t i = 0; i < x.size(); ++i) {
+      if (!shift.empty()) x[i] += shift[i];
       for (const auto& [j, value] : rows[i]) {
         for (std::size_t k = 0; k < 3; ++k) {
           x[i][static_cast<Eigen::Index>(k)] += value * static_cast<Extended>(w[static_cast<std::size_t>(j)][k]);
@@ -117,7 +249,7 @@ struct Set {
     }
     return x;
   }
-  Places projected(const Places& x) const { return dense_energy::projected(kind, rest, x, origin); }
+  Places projected(const Places& x) const { return dense_energy::projected(kind, rest, x, origin, &last); }
   /// Adds weight Phi^T v.
   void add_transposed(const Places& v, Field& to) const {
     for (std::size_t i = 0; i < v.size(); ++i) {
@@ -136,11 +268,16 @@ struct Set {
     for (const Place& p : x) size = std::max(size, (p - mean).norm());
     const Extended step = 1e-6L * size;
     Matrix result = Matrix::Identity(n, n);
+    dense_energy::projected(kind, rest, x, origin, &last);
+    const auto near = [&](const Places& at) {
+      std::optional<Round> start = last;
+      return dense_energy::projected(kind, rest, at, origin, &start);
+    };
     for (Eigen::Index c = 0; c < n; ++c) {
       Places up = x, down = x;
       up[static_cast<std::size_t>(c / 3)][c % 3] += step;
       down[static_cast<std::size_t>(c / 3)][c % 3] -= step;
-      const Places above = projected(up), below = projected(down);
+      const Places above = near(up), below = near(down);
       for (Eigen::Index r = 0; r < n; ++r) {
         const auto i = static_cast<std::size_t>(r / 3);
         result(r, c) -= (above[i][r % 3] - below[i][r % 3]) / (2 * step);
@@ -224,17 +361,34 @@ class ConstrainedEquations {
     return result;
   }
 
-  /// Every point drawn to the shape that the places near the solution have.
-  Field start(const std::vector<Places>& near) const {
+  /// Every point drawn to the shape that the places near the solution have; with multipliers, where these are not the solver's,
+  /// which lacks what is interpolated, some more times to those that its points then have.
+  Field start(std::vector<Places> near) const {
+    constexpr int more = 300;
     Matrix A = spread(factor_.matrix());
+    for (const Set& set : sets_) {
+      const auto n = static_cast<Eigen::Index>(3 * set.rest.size());
+      add(set, Matrix::Identity(n, n), A);
+    }
+    const Eigen::PartialPivLU<Matrix> lu(A);
+    Field w = drawn(lu, near);
+    for (int i = 0; multipliers_ && i < more; ++i) {
+      for (std::size_t t = 0; t < sets_.size(); ++t) near[t] = sets_[t].at(w);
+      w = drawn(lu, near);
+    }
+    return w;
+  }
+  Field drawn(const Eigen::PartialPivLU<Matrix>& lu, const std::vector<Places>& near) const {
     Field b = b_;
     for (std::size_t t = 0; t < sets_.size(); ++t) {
       Places to = sets_[t].projected(near[t]);
-      for (std::size_t i = 0; i < to.size(); ++i) to[i] -= sets_[t].rest[i];
+      for (std::size_t i = 0; i < to.size(); ++i) {
+        to[i] -= sets_[t].rest[i];
+        if (!sets_[t].shift.empty()) to[i] -= sets_[t].shift[i];
+      }
       sets_[t].add_transposed(to, b);
-      add(sets_[t], Matrix::Identity(static_cast<Eigen::Index>(3 * to.size()), static_cast<Eigen::Index>(3 * to.size())), A);
     }
-    return solved(Eigen::PartialPivLU<Matrix>(A), b);
+    return solved(lu, b);
   }
 
   Matrix derivative(const Field& w) const {

@@ -222,6 +222,11 @@ class Oracle {
   std::size_t unknowns() const { return static_cast<std::size_t>(model_.space.energy.rows()); }
   /// Whether the solution has one linear system: not with multipliers, whose steps belong to the method.
   bool one_system() const { return soft_ || model_.eliminated; }
+  bool soft() const { return soft_; }
+  /// Whether no function reaches handle and fixed points.
+  bool eliminated() const { return model_.eliminated; }
+  /// Handle and fixed points that enter the system.
+  const std::vector<PointId>& held() const { return model_.held; }
   const Box& box() const { return box_; }
   std::vector<std::pair<Eigen::Index, double>> functions_at(PointId id) const {
     std::vector<std::pair<Eigen::Index, double>> result;
