@@ -10,7 +10,6 @@
 #include <utility>
 
 #include "core/base/bounds.h"
-#include "core/base/control_group.h"
 #include "core/base/error.h"
 #include "core/base/number_text.h"
 #include "core/base/vectors.h"
@@ -39,7 +38,7 @@ void check_size(std::size_t size, std::size_t expected, const char* name, const 
 /// work(begin, end, part) for `parts` parts of [0, count), each on a thread of its own but the first.
 template <typename Work>
 void in_parts(std::size_t count, int threads, std::size_t least, const Work& work) {
-  std::size_t parts = threads > 0 ? static_cast<std::size_t>(threads) : static_cast<std::size_t>(available_cores());
+  std::size_t parts = threads > 0 ? static_cast<std::size_t>(threads) : std::max(1u, std::thread::hardware_concurrency());
   parts = std::max<std::size_t>(1, std::min(parts, count / std::max<std::size_t>(1, least)));
   const auto begin = [&](std::size_t part) { return count * part / parts; };
   std::vector<std::exception_ptr> errors(parts);
