@@ -259,8 +259,8 @@ TEST(StoredForm, RefusesAnotherMeshAnotherSetupAndBytesThatAreNone) {
   expect_error(ErrorCode::data_loss, {"layout"}, [&] { restored(mesh, setup, other_layout); });
   auto other_version = bytes;
   other_version[16 + sizeof(std::uint64_t)] = std::byte{'9'};
-  expect_error(ErrorCode::data_loss, {"version 9", "which has version " + std::string(version())},
-               [&] { restored(mesh, setup, other_version); });
+  const std::string own = "which has version " + std::string(version());
+  expect_error(ErrorCode::data_loss, {"version 9", own.c_str()}, [&] { restored(mesh, setup, other_version); });
   std::mt19937_64 random(3);
   for (int i = 0; i < 300; ++i) {
     auto hostile = bytes;
