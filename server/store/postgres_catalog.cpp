@@ -556,7 +556,14 @@ class PostgresCatalog : public SharedCatalog {
           if (patience <= options_.call_patience) throw LostConnection(why);
         } else {
           Lease lease(*this);
-          return work(*lease);
+          if constexpr (std::is_void_v<std::invoke_result_t<Work, Connection&>>) {
+            work(*lease);
+            return note_answer();
+          } else {
+            auto result = work(*lease);
+            note_answer();
+            return result;
+          }
         }
         if (Clock::now() >= end) throw LostConnection(why);
       } catch (const Error& error) {
@@ -571,6 +578,13 @@ class PostgresCatalog : public SharedCatalog {
   std::string lasting_trouble() const {
     const std::lock_guard lock(trouble_mutex_);
     return trouble_.empty() || Clock::now() - trouble_since_ < options_.call_patience ? std::string() : trouble_;
+  }
+
+  /// Trouble does not last while calls are answered: then it is only that the connection of the session is cut off again and
+  /// again.
+  void note_answer() {
+    const std::lock_guard lock(trouble_mutex_);
+    if (!trouble_.empty()) trouble_since_ = Clock::now();
   }
 
   void set_trouble(const std::string& why) {

@@ -32,6 +32,7 @@ class Replicas(EndToEnd):
 
     down_seconds = 0.1  # of a server that was killed
     up_seconds = 0  # at least, until the next one
+    designs = DESIGNS  # while servers are killed
 
     def setUp(self):
         super().setUp()
@@ -87,7 +88,7 @@ class Replicas(EndToEnd):
     def check_killing(self):
         """One after the other is killed, each time that a tenth of the designs has come; every second one comes back knowing nothing.
         All designs come, with the same bytes as without."""
-        self.write_cases(DESIGNS)
+        self.write_cases(self.designs)
         self.all_succeed(self.sweeps("alone"))
         children = self.sweeps("killed")
         kills = due = 0
@@ -95,7 +96,7 @@ class Replicas(EndToEnd):
             time.sleep(0.005)
             if self.written("killed") < due:
                 continue
-            due = self.written("killed") + CLIENTS * DESIGNS // 10
+            due = self.written("killed") + CLIENTS * self.designs // 10
             victim = self.servers[kills % 3]
             victim.kill()
             if kills % 2 == 0:
@@ -108,7 +109,7 @@ class Replicas(EndToEnd):
         self.assertGreaterEqual(kills, 3)
         for k in range(CLIENTS):
             alone, killed = self.meshes(f"alone{k}"), self.meshes(f"killed{k}")
-            self.assertEqual(len(alone), DESIGNS)
+            self.assertEqual(len(alone), self.designs)
             self.assertEqual(alone.keys(), killed.keys())
             self.assertEqual([name for name in alone if alone[name] != killed[name]], [])
 

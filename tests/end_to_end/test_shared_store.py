@@ -15,7 +15,7 @@ import time
 import unittest
 
 from harness import AHMED_SETUP, DEFORMD, Server, main, read_bytes
-from replicas import LONG, BehindProxy, Replicas, SharedStore
+from replicas import DESIGNS, LONG, BehindProxy, Replicas, SharedStore
 
 CLIENTS = 8
 
@@ -307,6 +307,7 @@ class OneStore(Killing, Preparations, SharedStore, Replicas):
 @unittest.skipUnless(shutil.which("haproxy"), "haproxy is not installed")
 class OneStoreBehindProxy(Killing, Preparations, SharedStore, BehindProxy):
     up_seconds = 1  # a call has four attempts, and here nothing takes long in between
+    designs = 3 * DESIGNS  # no call waits for a server that is down
 
     def proxy_settings(self):
         return {"DEFORMD_READYZ": "/readyz?exclude=store"}
