@@ -146,24 +146,8 @@ class PartReader {
   Document& document_;
 };
 
-/// What OpenCASCADE's reader of STEP mends by itself, for as long as this lives. One at a time.
-class Mending {
- public:
-  explicit Mending(Healing healing) {
-    if (healing == Healing::off) Interface_Static::SetCVal(sequence, "none");
-  }
-  ~Mending() { Interface_Static::SetCVal(sequence, usual_.c_str()); }
-  Mending(const Mending&) = delete;
-  Mending& operator=(const Mending&) = delete;
-
- private:
-  static constexpr char sequence[] = "read.step.sequence";
-  const std::string usual_ = Interface_Static::CVal(sequence);
-};
-
-void read_step_parts(const std::filesystem::path& path, Model& reading, Document& document, Healing healing) {
+void read_step_parts(const std::filesystem::path& path, Model& reading, Document& document) {
   STEPCAFControl_Reader reader;
-  const Mending mending(healing);
   reader.SetColorMode(true);
   reader.SetNameMode(true);
   Interface_Static::SetIVal("read.stepcaf.subshapes.name", 1);
@@ -262,7 +246,7 @@ Document read_document(const std::filesystem::path& path, Healing healing) {
   const std::string extension = lower_case(path.extension().string());
   try {
     if (extension == ".step" || extension == ".stp") {
-      read_step_parts(path, reading, document, healing);
+      read_step_parts(path, reading, document);
     } else {
       const TopoDS_Shape shape = read_shape(path, reading);
       if (!shape.IsNull() && face_count(shape) > 0) document.parts.push_back({shape, path.stem().string(), std::nullopt, {}});

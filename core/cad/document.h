@@ -35,7 +35,6 @@ struct Document {
 };
 
 /// Whether models that are not valid once OpenCASCADE has read them are healed, which takes as long as checking them.
-/// Off: nor does OpenCASCADE's reader of STEP mend what it reads.
 enum class Healing { on, off };
 
 /// Reads STEP with the names and colours of parts and faces, IGES (sewn) and BREP without. Edges get curves in space where they
