@@ -466,6 +466,28 @@ TEST_F(SharedStoreTest, connections_that_are_cut_off_cost_no_call) {
   EXPECT_TRUE(eventually([&] { return count("SELECT count(*) FROM deformd.geometries") == 16; }));
 }
 
+TEST_F(SharedStoreTest, calls_that_are_answered_are_taken_while_there_is_no_connection_for_news) {
+  b.reset();
+  put(*a, mesh);
+  const std::string elsewhere = postgres_uri("postgres"), name = sql(uri, "SELECT current_database()").text(0, 0);
+  const auto allow = [&](const char* connections) {
+    sql(elsewhere, ("ALTER DATABASE " + name + " ALLOW_CONNECTIONS " + connections).c_str());
+  };
+  allow("false");
+  sql(elsewhere, ("SELECT pg_terminate_backend(pid) FROM pg_locks JOIN pg_database ON oid = database "
+                  "WHERE locktype = 'advisory' AND granted AND datname = '" +
+                  name + "'")
+                     .c_str());
+  EXPECT_TRUE(eventually([&] { return !a->state().writable(); }));
+  for (int i = 0; i < 50; ++i) {  // two and a half times as long as calls wait for a database that is gone
+    ASSERT_NO_THROW(a->list(default_tenant, {})) << i;
+    std::this_thread::sleep_for(std::chrono::milliseconds(50));
+  }
+  EXPECT_FALSE(a->state().writable());
+  allow("true");
+  EXPECT_TRUE(eventually([&] { return a->state().writable(); }));
+}
+
 /// Commits are done and wait for a standby that there is not; the connections of those that wait are cut off then, once.
 class LostAnswer {
  public:
