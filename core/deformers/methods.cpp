@@ -59,7 +59,7 @@ void validate_method(const Setup& setup, const Mesh& mesh, Problems& problems) {
       }
       if (keeps_symmetry(setup)) return;
       if (selects_controls(setup)) {
-        refuse("symmetry", "symmetry planes with control CONTROLS", "motions of control points that are symmetric themselves");
+        refuse("symmetry", "symmetry planes with control CONTROLS and coordinates GREEN", "coordinates MEAN_VALUE");
       }
       // Their samples are not symmetric, and the mean over the images leaves the shapes by as much.
       constexpr bool sampled =

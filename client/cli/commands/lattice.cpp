@@ -79,6 +79,10 @@ LatticeOutcome write_cage_of(const LatticeCommand& options, const SetupFile& fil
   picture.moved = moved_places(options, setup, controls, picture.places);
   picture.corners.assign(setup.method().cage().triangles().begin(), setup.method().cage().triangles().end());
   if (selects_controls(setup)) {
+    if (setup.symmetry_size() > 0) {
+      const auto mesh = io::read_mesh_file(mesh_path(options.setup, file, options.source), own_process())->mesh();
+      move_images(mirror_planes(setup, *mesh), picture.places, picture.moved);
+    }
     picture.labels = control_labels(setup, controls);
     picture.handles = handle_names(setup);
   }

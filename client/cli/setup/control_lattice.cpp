@@ -86,6 +86,10 @@ void move_images(const std::vector<std::optional<MirrorPlane>>& planes, const st
     for (std::size_t p = 0; p < at_rest.size(); ++p) {
       if (before[p] == at_rest[p]) continue;
       const Vec3 image = plane->reflected(at_rest[p]);
+      if (distance(at_rest[p], image) <= near) {  // in the plane, along which it moves
+        moved[p] = 0.5 * (before[p] + plane->reflected(before[p]));
+        continue;
+      }
       for (std::size_t q = 0; q < at_rest.size(); ++q) {
         if (distance(at_rest[q], image) > near || before[q] != at_rest[q]) continue;
         moved[q] = plane->reflected(before[p]);

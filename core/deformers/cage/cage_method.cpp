@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "core/base/parallel.h"
+#include "core/deformers/cage/cage_images.h"
 #include "core/deformers/cage/cage_model.h"
 #include "core/deformers/cage/green_system.h"
 #include "core/deformers/ffd/clamped_inverse.h"
@@ -31,10 +32,11 @@ EnergyOptions basis_options(const CageOptions& options) {
 /// A mesh that outlives the use, which does not own it.
 std::shared_ptr<const Mesh> borrowed(const Mesh& mesh) { return {std::shared_ptr<const Mesh>(), &mesh}; }
 
-Estimate estimate_controls(const CageOptions& options, const Mesh& mesh, const SelectedRegions& regions) {
-  const ControlModel model = cage_model(options, borrowed(mesh));
+Estimate estimate_controls(const CageOptions& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions) {
+  const auto [model, places] = cage_controls(options, borrowed(mesh), regions.symmetry);
+  check_images(model, setup, regions);
   Estimate estimate = deform::estimate_controls(mesh, model, basis_options(options), regions);
-  add_place_notes(cage_of(options), mesh, estimate.notes);
+  add_place_notes(cage_of(options), *places, estimate.notes);
   estimate.advice = "use fewer handles or basis BASIS_NEVER";
   return estimate;
 }
@@ -137,14 +139,14 @@ void CageMethod::validate(const CageOptions& options, const Setup&, const Mesh& 
   }
 }
 
-Estimate CageMethod::estimate(const CageOptions& options, const Mesh& mesh, const Setup&, const SelectedRegions& regions) {
+Estimate CageMethod::estimate(const CageOptions& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions) {
   Estimate estimate;
   if (options.control == CageControl::mesh) {
     estimate = estimate_mesh(options, mesh, regions);
   } else if (options.coordinates == CageCoordinates::green) {
     estimate = estimate_green(options, mesh, regions);
   } else {
-    estimate = estimate_controls(options, mesh, regions);
+    estimate = estimate_controls(options, mesh, setup, regions);
   }
   // Cages that are checked, and the search for points outside.
   const std::size_t triangles = options.triangles.size();
@@ -155,12 +157,13 @@ Estimate CageMethod::estimate(const CageOptions& options, const Mesh& mesh, cons
 std::shared_ptr<const System> CageMethod::prepare(const CageOptions& options, const std::shared_ptr<const Mesh>& mesh,
                                                   const Setup& setup, const RunContext& context, std::size_t memory_budget) {
   if (options.control == CageControl::mesh) return prepare_mesh(options, mesh, setup, context, memory_budget);
-  deform::validate(setup, *mesh);
+  const Symmetry symmetry = deform::validate(setup, *mesh).symmetry;
   if (options.coordinates == CageCoordinates::green) {
     return std::make_shared<const GreenSystem>(mesh, setup, options, context);
   }
-  ControlModel model = cage_model(options, mesh);
-  add_outside_note(cage_of(options), *mesh, context, model.notes);
+  auto [model, places] = cage_controls(options, mesh, symmetry);
+  check_cut(model, *mesh, symmetry, context);
+  add_outside_note(cage_of(options), *places, context, model.notes);
   return std::make_shared<const ControlSystem>(mesh, setup, std::move(model), basis_options(options), context);
 }
 

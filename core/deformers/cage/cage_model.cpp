@@ -9,7 +9,9 @@
 
 #include "core/base/error.h"
 #include "core/base/parallel.h"
+#include "core/base/vectors.h"
 #include "core/deformers/option_checks.h"
+#include "core/mesh/remeshing/closest_point.h"
 #include "core/mesh/winding_number.h"
 
 namespace deform {
@@ -17,6 +19,7 @@ namespace deform {
 namespace {
 
 constexpr std::size_t cage_points_per_task = 1024, cage_rows_per_task = 16;
+constexpr double on_cage = 1e-9;        // of its diagonal: distance of points on the cage, whose winding numbers are any
 constexpr double least_winding = 0.02;  // on an edge or vertex of the cage it is the solid angle there over 4 pi
 constexpr double seconds_per_triangle = 1.2e-7;
 /// The rounding error of the sum over all vertices, whose coordinates may be negative, as a fraction of the largest displacement.
@@ -136,10 +139,16 @@ std::size_t points_outside(const Cage& cage, const Mesh& mesh, const RunContext&
     surface.face_points.insert(surface.face_points.end(), triangle.begin(), triangle.end());
   }
   const WindingNumber winding(surface, surface.points);
+  std::vector<TriangleCorners> triangles;
+  for (const auto& [a, b, c] : cage.triangles()) triangles.push_back({surface.points[a], surface.points[b], surface.points[c]});
+  const ClosestPoint closest(std::move(triangles));
   std::atomic<std::size_t> outside = 0;
   parallel_for(context, mesh.point_count(), cage_points_per_task, [&](std::size_t begin, std::size_t end) {
     std::size_t count = 0;
-    for (std::size_t i = begin; i < end; ++i) count += winding.at(mesh.points[i]) < least_winding ? 1 : 0;
+    for (std::size_t i = begin; i < end; ++i) {
+      const Vec3& x = mesh.points[i];
+      count += winding.at(x) < least_winding && distance(closest(x), x) > on_cage * cage.diagonal() ? 1 : 0;
+    }
     outside += count;
   });
   return outside;

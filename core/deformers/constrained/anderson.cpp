@@ -9,7 +9,7 @@ namespace deform {
 
 namespace {
 
-Eigen::VectorXd flat(const std::vector<Vec3>& points) {
+Eigen::VectorXd coordinates_of(const std::vector<Vec3>& points) {
   return Eigen::Map<const Eigen::VectorXd>(points.empty() ? nullptr : points[0].data(),
                                            static_cast<Eigen::Index>(3 * points.size()));
 }
@@ -24,7 +24,7 @@ void Anderson::clear() {
 }
 
 double Anderson::add(const std::vector<Vec3>& p, const std::vector<Vec3>& q) {
-  Eigen::VectorXd new_p = flat(p), new_q = flat(q);
+  Eigen::VectorXd new_p = coordinates_of(p), new_q = coordinates_of(q);
   if (p_.size() > 0) {
     const Eigen::VectorXd dp = new_p - p_;
     Eigen::VectorXd dq = new_q - q_;

@@ -131,6 +131,16 @@ TEST(ControlLattice, MovesMirrorImagesOfControlPoints) {
   }
 }
 
+// Points in the plane move along it only.
+TEST(ControlLattice, KeepsControlPointsInThePlane) {
+  const v1::Setup half = setup(std::string(clamped) + "symmetry: [{point: [0, 3, 0], normal: [0, 1, 0]}]\n");
+  const std::vector<Vec3> places{{1, 3, 0}, {1, 4, 0}};
+  std::vector<Vec3> moved{{1.5, 3.25, 1}, {1.5, 4.25, 1}};
+  move_images(mirror_planes(half, half_box()), places, moved);
+  EXPECT_EQ(moved[0], (Vec3{1.5, 3, 1}));
+  EXPECT_EQ(moved[1], (Vec3{1.5, 4.25, 1}));
+}
+
 class ControlFile : public testing::Test {
  protected:
   void SetUp() override {

@@ -361,7 +361,6 @@ TEST(Cage, RefusesWhatIsWrong) {
   refused({"handle \"middle\"", "control.ids", "12", "control point"}, [](Setup& s) { s.handles[1].region = ids({3, 12}); });
   refused({"fixed[0]", "overlaps handle \"end\"", "1 common control points"}, [](Setup& s) { s.fixed = {ids({4})}; });
   refused({"constraints", "method.cage"}, [](Setup& s) { s.constraints.push_back({"flat", {{Region::All{}}}, Planar{}}); });
-  refused({"symmetry", "method.cage"}, [](Setup& s) { s.symmetry.push_back({SymmetryPlane::Plane{{0, 0, 0}, {0, 1, 0}}}); });
   refused({"method.cage.triangles", "the cage is open at the edge between vertices"},
           [&](Setup& s) { options(s).triangles.pop_back(); });
   refused({"method.cage.vertices[3]", "finite"},

@@ -1,0 +1,197 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "core/deformers/cage/cage_images.h"
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <numeric>
+#include <set>
+#include <string>
+#include <utility>
+
+#include "core/base/parallel.h"
+#include "core/base/vectors.h"
+#include "core/deformers/option_checks.h"
+
+namespace deform {
+
+namespace {
+
+constexpr double image_tolerance = 1e-9;     // of the diagonal: distance of vertices from the images of others, and from planes
+constexpr double most_through_plane = 1e-6;  // sum of coordinates of vertices beyond the plane at a point in it
+constexpr std::size_t cut_points_per_task = 64;
+
+std::string plane_name(std::size_t k) { return "symmetry[" + std::to_string(k) + "]"; }
+
+/// A plane in which a cage ends.
+struct End {
+  std::size_t plane;
+  double side;  ///< of the cage: 1, that of the mesh, or -1
+};
+
+/// Places on the side of a cage that ends in planes.
+class CageSides {
+ public:
+  CageSides(Symmetry symmetry, std::vector<End> ends) : symmetry_(std::move(symmetry)), ends_(std::move(ends)) {}
+
+  /// The planes (mask) in which a place must be reflected to be there.
+  unsigned away(const Vec3& place) const {
+    const Vec3 at = symmetry_.coordinates(place);
+    unsigned planes = 0;
+    for (const End& end : ends_) {
+      if (end.side * at[end.plane] < -symmetry_.reach(end.plane)) planes |= 1u << end.plane;
+    }
+    return planes;
+  }
+  std::size_t bytes() const { return sizeof *this + ends_.size() * sizeof(End); }
+
+ private:
+  const Symmetry symmetry_;
+  const std::vector<End> ends_;
+};
+
+/// The functions of a cage that ends in planes, on its side of them.
+class OneSide : public SpaceFunctions {
+ public:
+  /// `placed`: memory of the places of points that `rows` holds besides the mesh, in bytes.
+  OneSide(std::shared_ptr<const CageRows> rows, CageSides sides, std::size_t placed)
+      : rows_(std::move(rows)), sides_(std::move(sides)), placed_(placed) {}
+
+  Outside rows(std::span<const Vec3> places, std::uint64_t first, const Use& use) const override {
+    Outside outside;
+    for (std::size_t i = 0; i < places.size(); ++i) {
+      if (sides_.away(places[i]) != 0) {
+        outside.push_back(i);
+        continue;
+      }
+      rows_->rows(places.subspan(i, 1), first + i,
+                  [&](std::size_t, std::int64_t column, double value) { use(i, column, value); });
+    }
+    return outside;
+  }
+  std::size_t bytes() const override { return rows_->bytes() + sides_.bytes() + placed_; }
+
+ private:
+  const std::shared_ptr<const CageRows> rows_;
+  const CageSides sides_;
+  const std::size_t placed_;
+};
+
+/// In which vertices of a cage on one side of a plane are images of themselves, the others have none; empty for other cages.
+std::vector<std::uint32_t> ends_in_plane(const Cage& cage, const Symmetry& symmetry, std::size_t plane, double side,
+                                         double tolerance) {
+  std::vector<std::uint32_t> image(cage.size(), ControlModel::no_control);
+  for (std::uint32_t v = 0; v < cage.size(); ++v) {
+    const double height = side * symmetry.coordinates(cage.vertices()[v])[plane];
+    if (height < -tolerance) return {};
+    if (height <= tolerance) image[v] = v;
+  }
+  return image;
+}
+
+/// The mesh on the side of the cage. `reflected`: the planes of each point, empty if there are none.
+std::shared_ptr<const Mesh> placed(const std::shared_ptr<const Mesh>& mesh, const Symmetry& symmetry, const CageSides& sides,
+                                   std::vector<std::uint8_t>& reflected) {
+  for (const Vec3& x : mesh->points) reflected.push_back(static_cast<std::uint8_t>(sides.away(x)));
+  if (std::all_of(reflected.begin(), reflected.end(), [](std::uint8_t planes) { return planes == 0; })) {
+    reflected.clear();
+    return mesh;
+  }
+  auto result = std::make_shared<Mesh>();
+  for (std::size_t i = 0; i < reflected.size(); ++i) result->points.push_back(symmetry.image(mesh->points[i], reflected[i]));
+  return result;
+}
+
+}  // namespace
+
+CageImages cage_images(const Cage& cage, const std::function<Vec3(const Vec3&)>& reflect, double tolerance) {
+  const std::vector<Vec3>& at = cage.vertices();
+  std::vector<std::uint32_t> order(at.size());  // ascending in x
+  std::iota(order.begin(), order.end(), 0u);
+  std::sort(order.begin(), order.end(), [&](std::uint32_t a, std::uint32_t b) { return at[a] < at[b]; });
+  CageImages result;
+  for (std::uint32_t v = 0; v < at.size(); ++v) {
+    const Vec3 place = reflect(at[v]);
+    auto found = std::lower_bound(order.begin(), order.end(), place[0] - tolerance,
+                                  [&](std::uint32_t a, double x) { return at[a][0] < x; });
+    while (found != order.end() && at[*found][0] <= place[0] + tolerance && distance(at[*found], place) > tolerance) ++found;
+    if (found == order.end() || at[*found][0] > place[0] + tolerance) {
+      return {{}, "vertex " + std::to_string(v) + " has no mirror image"};
+    }
+    result.image.push_back(*found);
+  }
+  const auto sorted = [](Cage::Triangle t) {
+    std::sort(t.begin(), t.end());
+    return t;
+  };
+  std::set<Cage::Triangle> known;
+  for (const Cage::Triangle& t : cage.triangles()) known.insert(sorted(t));
+  for (std::size_t t = 0; t < cage.triangles().size(); ++t) {
+    const auto& [a, b, c] = cage.triangles()[t];
+    if (known.contains(sorted({result.image[a], result.image[b], result.image[c]}))) continue;
+    return {{},
+            "its vertices are mirror images of each other, but triangle " + std::to_string(t) +
+                " is not that of another: quadrilaterals must be split alike on both sides"};
+  }
+  return result;
+}
+
+CageControls cage_controls(const CageOptions& options, const std::shared_ptr<const Mesh>& mesh, const Symmetry& symmetry) {
+  CageControls controls{cage_model(options, mesh), mesh};
+  ControlModel& model = controls.model;
+  const Cage cage = cage_of(options);
+  std::vector<End> ends;
+  for (std::size_t k = 0; k < symmetry.planes(); ++k) {
+    const double tolerance = image_tolerance * cage.diagonal() + 2 * symmetry.reach(k);
+    CageImages own = cage_images(
+        cage, [&](const Vec3& x) { return symmetry.reflected(x, k); }, tolerance);
+    for (const double side : {1.0, -1.0}) {
+      if (!own.image.empty()) break;
+      own.image = ends_in_plane(cage, symmetry, k, side, tolerance);
+      if (!own.image.empty()) ends.push_back({k, side});
+    }
+    if (own.image.empty()) {
+      refuse_argument(
+          "method.cage: the cage is not its own mirror image in " + plane_name(k) + " (" + own.no_image +
+          "), nor does it end in that plane; make it symmetric, or leave out what is behind the plane and close it there");
+    }
+    model.matches.push_back(std::move(own.image));
+  }
+  if (ends.empty()) return controls;
+  const CageSides sides(symmetry, std::move(ends));
+  ControlImage& only = model.images.front();
+  controls.places = placed(mesh, symmetry, sides, only.reflected);
+  const auto rows = std::make_shared<const CageRows>(cage, controls.places);
+  only.rows = rows;
+  model.in_space = std::make_shared<const OneSide>(rows, sides, only.reflected.size() * sizeof(Vec3));
+  return controls;
+}
+
+void check_cut(const ControlModel& model, const Mesh& mesh, const Symmetry& symmetry, const RunContext& context) {
+  for (std::size_t k = 0; k < model.matches.size(); ++k) {
+    const std::vector<std::uint32_t>& image = model.matches[k];
+    if (std::find(image.begin(), image.end(), ControlModel::no_control) == image.end()) continue;
+    std::vector<PointId> in_plane;
+    for (PointId p = 0; p < mesh.point_count(); ++p) {
+      if ((symmetry.on(p) >> k & 1u) != 0) in_plane.push_back(p);
+    }
+    std::vector<std::uint8_t> led_away(in_plane.size(), 0);
+    parallel_for(context, in_plane.size(), cut_points_per_task, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t i = begin; i < end; ++i) {
+        double through = 0;
+        model.images.front().rows->for_each(in_plane[i], [&](std::int64_t v, double value) {
+          if (image[static_cast<std::size_t>(v)] == ControlModel::no_control) through += std::abs(value);
+        });
+        led_away[i] = through > most_through_plane ? 1 : 0;
+      }
+    });
+    const auto count = std::count(led_away.begin(), led_away.end(), 1);
+    if (count == 0) continue;
+    const PointId first = in_plane[static_cast<std::size_t>(std::find(led_away.begin(), led_away.end(), 1) - led_away.begin())];
+    refuse_argument("method.cage: the cage ends in " + plane_name(k) + ", but " + std::to_string(count) +
+                    " points of the mesh in that plane are not in the face of the cage there, the first is " +
+                    std::to_string(first) + "; make that face larger, or the cage its own mirror image");
+  }
+}
+
+}  // namespace deform

@@ -1,0 +1,46 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "core/base/run_context.h"
+#include "core/base/types.h"
+#include "core/deformers/cage/cage_model.h"
+#include "core/deformers/handles/control_system.h"
+#include "core/deformers/handles/symmetry.h"
+#include "core/deformers/setup.h"
+#include "core/mesh/mesh.h"
+#include "core/numerics/cage/cage.h"
+
+namespace deform {
+
+/// The vertices of a cage and their mean value coordinates in a model with symmetry planes. About each plane the cage must be
+///  - its own mirror image, triangle by triangle: then so are the coordinates, and what moves a vertex moves its image; or
+///  - on one side of it, with its face in the plane: its mirror image stands behind the plane, vertices in the plane stay there,
+///    and so do points in it, which only those vertices move.
+/// Coordinates are not stored, as in cage_model(). Throws Error(invalid_argument) for all other cages, naming the plane and a
+/// vertex or triangle, and the errors of cage_of().
+struct CageControls {
+  ControlModel model;
+  std::shared_ptr<const Mesh> places;  ///< the mesh, or its points where the cage is, behind a plane
+};
+CageControls cage_controls(const CageOptions& options, const std::shared_ptr<const Mesh>& mesh, const Symmetry& symmetry);
+
+/// Throws Error(invalid_argument) if points of the mesh lie in a plane in which the cage ends, but outside of its face there,
+/// with their number and the first one: other vertices would move them out of the plane. Takes the time of the coordinates of the
+/// points in such planes.
+void check_cut(const ControlModel& model, const Mesh& mesh, const Symmetry& symmetry, const RunContext& context);
+
+/// For each vertex of a cage its mirror image among them; `no_image` has the reason if there is none: "vertex 5 has no mirror
+/// image". `reflect` maps a place to its image. Distances up to `tolerance` do not count.
+struct CageImages {
+  std::vector<std::uint32_t> image;
+  std::string no_image;
+};
+CageImages cage_images(const Cage& cage, const std::function<Vec3(const Vec3&)>& reflect, double tolerance);
+
+}  // namespace deform
