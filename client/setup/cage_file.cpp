@@ -1,8 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "client/setup/cage_file.h"
 
+#include <cmath>
+#include <optional>
 #include <string>
+#include <vector>
 
+#include "client/setup/mirror_planes.h"
 #include "client/setup/refuse.h"
 #include "core/base/error.h"
 #include "core/io/mesh_file.h"
@@ -45,9 +49,47 @@ CageRequest cage_request(const v1::CageMethod::Generate& message) {
   return request;
 }
 
+/// Lets the box of a half model end in its planes.
+void end_in_planes(const std::vector<std::optional<MirrorPlane>>& planes, const Mesh& mesh, CageRequest& request) {
+  if (request.kind != CageKind::box) {
+    refuse(
+        "around a half model only a cage of kind BOX ends in the symmetry plane, as vertices that handles hold need it to; use "
+        "kind BOX, a file with a cage that is its own mirror image or ends in the plane, or control MESH");
+  }
+  const Box box = bounding_box(mesh.points);
+  for (std::size_t i = 0; i < planes.size(); ++i) {
+    std::size_t axis = 0;
+    while (axis < 3 && std::abs(planes[i]->normal[axis]) < 1 - 1e-12) ++axis;
+    if (axis == 3) {
+      refuse(
+          "a box does not end in symmetry[" + std::to_string(i) +
+          "], which is not perpendicular to an axis; use a file with a cage that is its own mirror image or ends in the plane");
+    }
+    const double at = planes[i]->point[axis];
+    const bool above = box.max[axis] - at > at - box.min[axis];
+    (above ? request.lowest : request.highest)[axis] = at;
+  }
+}
+
+/// The cage around a mesh, and with control MESH around its images in the planes of the setup.
+Mesh generated(const Mesh& mesh, const v1::Setup& setup, const v1::CageMethod& cage) {
+  CageRequest request = cage_request(cage.generate());
+  const auto planes = mirror_planes(setup, mesh);
+  for (std::size_t i = 0; i < planes.size(); ++i) {
+    if (planes[i]) continue;
+    refuse("symmetry[" + std::to_string(i) +
+           "] is a region that is not perpendicular to an axis; give the plane by `point` and `normal`");
+  }
+  if (planes.empty()) return cage_around(mesh, request).mesh;
+  if (cage.control() == v1::MESH) return cage_around(whole_model(mesh, planes), request).mesh;
+  end_in_planes(planes, mesh, request);
+  return cage_around(mesh, request).mesh;
+}
+
 }  // namespace
 
-void fill_cage(const std::filesystem::path& folder, const std::string& field, const MeshSource& mesh, v1::Method& method) {
+void fill_cage(const std::filesystem::path& folder, const std::string& field, const MeshSource& mesh, const v1::Setup& setup,
+               v1::Method& method) {
   if (!method.has_cage()) return;
   v1::CageMethod& cage = *method.mutable_cage();
   const bool file = !cage.file().empty(), given = cage.vertices_size() > 0 || cage.triangles_size() > 0;
@@ -65,7 +107,7 @@ void fill_cage(const std::filesystem::path& folder, const std::string& field, co
       const std::filesystem::path path = folder / cage.file();
       take_mesh(*io::read_mesh_file(path)->mesh(), path.string(), cage);
     } else {
-      take_mesh(cage_around(*mesh(), cage_request(cage.generate())).mesh, "the cage", cage);
+      take_mesh(generated(*mesh(), setup, cage), "the cage", cage);
     }
   } catch (const Error& error) {
     throw Error(error.code(), source + ": " + error.what());

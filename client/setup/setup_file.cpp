@@ -90,7 +90,7 @@ v1::Setup parsed_text(const SetupText& from, std::vector<std::filesystem::path>&
               return of_setup.mesh("the cage is made around the mesh",
                                    "make one with `deform cage mesh` and name it with `file`");
             },
-            method);
+            setup, method);
       } catch (const Error& error) {
         throw Error(error.code(), from.name + ": " + error.what());
       }

@@ -75,7 +75,7 @@ FLOORS = {
     # main() chooses the kernels of dense systems.
     "server": ["core/base", "core/base/commit", "core/numerics", "server/store", "server/engine", "server/rpc"],
     "client": ["core/base", "core/codec", "proto/convert/base", "deform/v1"],
-    "client/setup": ["core/base", "core/mesh", "core/mesh/cages", "core/io", "deform/v1"],
+    "client/setup": ["core/base", "core/mesh", "core/mesh/cages", "core/io", "proto/convert/mesh", "deform/v1"],
     "client/python": ["core/base", "core/codec", "core/compiled", "core/mesh", "core/io", "core/measures", "core/quality", "deform/v1", "client", "client/setup"],
     # Executables that read files.
     "client/cli": ["core/base", "core/base/commit", "core/cad", "core/codec", "core/compiled", "core/mesh", "core/mesh/cages", "core/io", "core/quality",

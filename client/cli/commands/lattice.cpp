@@ -59,7 +59,7 @@ LatticeOutcome write_lattice_of(const LatticeCommand& options, const SetupFile& 
   const ControlLattice lattice = control_lattice(file.setup, *mesh);
   LatticePicture picture{lattice, moved_places(options, file.setup, lattice.controls(), lattice.places), {}, {}};
   if (selects_controls(file.setup)) {
-    move_images(mirror_planes(file.setup, *mesh), lattice.places, picture.moved);
+    move_images(client::mirror_planes(file.setup, *mesh), lattice.places, picture.moved);
     picture.labels = control_labels(file.setup, lattice.controls());
     picture.handles = handle_names(file.setup);
   }
@@ -81,7 +81,7 @@ LatticeOutcome write_cage_of(const LatticeCommand& options, const SetupFile& fil
   if (selects_controls(setup)) {
     if (setup.symmetry_size() > 0) {
       const auto mesh = io::read_mesh_file(mesh_path(options.setup, file, options.source), own_process())->mesh();
-      move_images(mirror_planes(setup, *mesh), picture.places, picture.moved);
+      move_images(client::mirror_planes(setup, *mesh), picture.places, picture.moved);
     }
     picture.labels = control_labels(setup, controls);
     picture.handles = handle_names(setup);

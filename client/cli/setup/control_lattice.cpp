@@ -15,71 +15,21 @@ namespace deform::cli {
 
 namespace {
 
-constexpr double flatness = 1e-6;  // of the diagonal: the points of the region of a plane lie in it up to that
-
-/// The mesh with its images in the planes.
-Box whole_box(const std::vector<std::optional<MirrorPlane>>& planes, const Mesh& mesh) {
-  Box box = bounding_box(mesh.points);
-  for (std::size_t images = 1; images < std::size_t{1} << planes.size(); ++images) {
-    for (Vec3 x : mesh.points) {
-      for (std::size_t k = 0; k < planes.size(); ++k) {
-        if ((images >> k & 1u) == 0) continue;
-        if (!planes[k]) {
-          refuse("box: an automatic lattice surrounds the model with its mirror images, but symmetry[" + std::to_string(k) +
-                 "] is a region that is not perpendicular to an axis; give `box` or `frame`");
-        }
-        x = planes[k]->reflected(x);
-      }
-      box.add(x);
-    }
+/// The box of the mesh with its images in the planes.
+Box whole_box(const std::vector<std::optional<client::MirrorPlane>>& planes, const Mesh& mesh) {
+  for (std::size_t k = 0; k < planes.size(); ++k) {
+    if (planes[k]) continue;
+    refuse("box: an automatic lattice surrounds the model with its mirror images, but symmetry[" + std::to_string(k) +
+           "] is a region that is not perpendicular to an axis; give `box` or `frame`");
   }
-  return box;
-}
-
-/// The plane of a region that is flat along one axis, which the mesh is not.
-std::optional<MirrorPlane> plane_of(const v1::Region& region, const Mesh& mesh, const std::string& what) {
-  const Box all = bounding_box(mesh.points);
-  Box flat;
-  for (const PointId id : select(convert::region_from_proto(region, what), mesh, what)) flat.add(mesh.points[id]);
-  for (std::size_t k = 0; k < 3; ++k) {
-    const double limit = flatness * all.diagonal();
-    if (flat.max[k] - flat.min[k] > limit || all.max[k] - all.min[k] <= limit) continue;
-    MirrorPlane plane{flat.min, {}};
-    plane.point[k] = 0.5 * (flat.min[k] + flat.max[k]);
-    plane.normal[k] = 1;
-    return plane;
-  }
-  return std::nullopt;
+  return bounding_box(client::whole_model(mesh, planes).points);
 }
 
 }  // namespace
 
-Vec3 MirrorPlane::reflected(const Vec3& x) const { return x - 2 * dot(normal, x - point) * normal; }
-
-std::vector<std::optional<MirrorPlane>> mirror_planes(const v1::Setup& setup, const Mesh& mesh) {
-  std::vector<std::optional<MirrorPlane>> planes;
-  for (int i = 0; i < setup.symmetry_size(); ++i) {
-    const v1::SymmetryPlane& given = setup.symmetry(i);
-    if (given.has_sector()) return {};
-    planes.emplace_back();
-    if (given.has_region()) {
-      planes.back() = plane_of(given.region(), mesh, "symmetry[" + std::to_string(i) + "].region");
-      continue;
-    }
-    if (given.point_size() != 3 || given.normal_size() != 3) continue;  // which the server refuses
-    MirrorPlane plane;
-    for (int k = 0; k < 3; ++k) plane.point[k] = given.point(k), plane.normal[k] = given.normal(k);
-    const double length = norm(plane.normal);
-    if (!(length > 0)) continue;
-    plane.normal = plane.normal / length;
-    planes.back() = plane;
-  }
-  return planes;
-}
-
-void move_images(const std::vector<std::optional<MirrorPlane>>& planes, const std::vector<Vec3>& at_rest,
+void move_images(const std::vector<std::optional<client::MirrorPlane>>& planes, const std::vector<Vec3>& at_rest,
                  std::vector<Vec3>& moved) {
-  const double near = flatness * bounding_box(at_rest).diagonal();
+  const double near = client::MirrorPlane::flatness * bounding_box(at_rest).diagonal();
   for (const auto& plane : planes) {
     if (!plane) continue;
     const std::vector<Vec3> before = moved;
@@ -126,7 +76,7 @@ ControlLattice control_lattice(const v1::Setup& setup, const Mesh& mesh) {
   const std::string field = "method.ffd.lattice";
   LatticeOptions options = convert::lattice_from_proto(setup.method().ffd().lattice());
   try {
-    const Box box = options.frame ? bounding_box(mesh.points) : whole_box(mirror_planes(setup, mesh), mesh);
+    const Box box = options.frame ? bounding_box(mesh.points) : whole_box(client::mirror_planes(setup, mesh), mesh);
     ControlLattice made{lattice_around(options, box), std::move(options.control_points)};
     if (made.places.empty()) made.places = made.lattice.control_points();
     if (made.places.size() == made.lattice.size()) return made;

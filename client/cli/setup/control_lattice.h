@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "client/setup/mirror_planes.h"
 #include "core/mesh/mesh.h"
 #include "core/mesh/region.h"
 #include "core/numerics/lattice/lattice.h"
@@ -25,15 +26,6 @@ std::vector<Vec3> control_places(const v1::Setup& setup, const Mesh& mesh);
 std::vector<PointId> control_points_of(const v1::Region& region, const v1::Setup& setup, const Mesh& mesh,
                                        const std::string& what);
 
-/// A symmetry plane of a half model; the normal is of unit length.
-struct MirrorPlane {
-  Vec3 point{}, normal{};
-  Vec3 reflected(const Vec3& x) const;
-};
-/// The symmetry planes of a setup: those that are given, and those of regions that are perpendicular to an axis. Of other regions
-/// there is none here, nor of a sector. Throws what select() throws.
-std::vector<std::optional<MirrorPlane>> mirror_planes(const v1::Setup& setup, const Mesh& mesh);
-
 /// The lattice of a setup with method.ffd around a mesh, as the server makes it; with symmetry planes around the mesh and its
 /// images.
 struct ControlLattice {
@@ -42,7 +34,7 @@ struct ControlLattice {
   ControlSet controls() const;
 };
 /// Throws Error(invalid_argument) naming the field: another method, a lattice that cannot be made, control points of the wrong
-/// number, an automatic box beside a plane that mirror_planes() does not find.
+/// number, an automatic box beside a plane that client::mirror_planes() does not find.
 ControlLattice control_lattice(const v1::Setup& setup, const Mesh& mesh);
 
 /// The control points of a region of a setup that selects_controls(). Throws what select_controls() throws.
@@ -54,7 +46,7 @@ std::vector<Vec3> moved_controls(const v1::Setup& setup, const ControlSet& contr
                                  const std::vector<double>& values);
 std::vector<Vec3> moved_controls(const v1::Setup& setup, const ControlLattice& lattice, const std::vector<double>& values);
 /// Moves the control points that are mirror images of others as these, if they do not move themselves.
-void move_images(const std::vector<std::optional<MirrorPlane>>& planes, const std::vector<Vec3>& at_rest,
+void move_images(const std::vector<std::optional<client::MirrorPlane>>& planes, const std::vector<Vec3>& at_rest,
                  std::vector<Vec3>& moved);
 
 /// A label per control point, as region_labels(): one in several regions has that of the first handle.

@@ -215,8 +215,8 @@ CageAround box_around(const Mesh& mesh, const CageRequest& request, const Box& m
   Box box = model;
   Vec3 sides{};
   for (std::size_t k = 0; k < 3; ++k) {
-    box.min[k] -= cage.offset;
-    box.max[k] += cage.offset;
+    box.min[k] = std::max(box.min[k] - cage.offset, request.lowest[k]);
+    box.max[k] = std::min(box.max[k] + cage.offset, request.highest[k]);
     sides[k] = box.max[k] - box.min[k];
   }
   cage.mesh = divided_box(box, divisions_of(sides, request.points));

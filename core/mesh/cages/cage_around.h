@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstddef>
+#include <limits>
 
 #include "core/base/run_context.h"
 #include "core/mesh/mesh.h"
@@ -21,6 +22,11 @@ struct CageRequest {
   /// Distance of the cage from the mesh to begin with, model units; 0: automatic, of a box 0.05 D, else about a third of the
   /// length of its edges.
   double offset = 0;
+  /// Where a box ends at the latest, model units: that of a half model ends in its symmetry plane. Not for hull and wrap.
+  Vec3 lowest{-std::numeric_limits<double>::infinity(), -std::numeric_limits<double>::infinity(),
+              -std::numeric_limits<double>::infinity()};
+  Vec3 highest{std::numeric_limits<double>::infinity(), std::numeric_limits<double>::infinity(),
+               std::numeric_limits<double>::infinity()};
 
   static constexpr std::size_t least_points = 8, most_points = 10000;
   static constexpr double count_tolerance = 0.05;  ///< of points

@@ -101,6 +101,41 @@ TEST_F(CageFile, IsMadeAroundTheMesh) {
                [&] { read("{generate: {}}"); });
 }
 
+// Of the half of a ball with y >= 0: with MESH around the images, too; with CONTROLS a box that ends in the plane.
+TEST_F(CageFile, IsMadeForHalfModels) {
+  write("half.obj",
+        "v 1 0 0\nv -1 0 0\nv 0 2 0\nv 0 0 1.5\nv 0 0 -1.5\nf 1 3 4\nf 3 2 4\nf 3 1 5\nf 2 3 5\ng cut\nf 1 4 2\nf 1 2 5\n");
+  const auto read_with = [&](const std::string& cage, const std::string& plane) {
+    write("half.yaml", "geometry: half.obj\nmethod: {cage: " + cage + "}\nsymmetry: [{" + plane +
+                           "}]\nhandles: [{name: a, region: {control: {ids: [3, 0]}}}]\n");
+    return read_setup_file(folder_ / "half.yaml").setup;
+  };
+  const auto box_of = [](const v1::Setup& setup) {
+    Box box;
+    const auto& at = setup.method().cage().vertices();
+    for (int i = 0; i < at.size(); i += 3) box.add({at[i], at[i + 1], at[i + 2]});
+    return box;
+  };
+  const std::string given = "point: [0.3, 0, 1], normal: [0, -2, 0]", region = "region: {group: cut}";
+  for (const std::string& plane : {given, region}) {
+    for (const char* kind : {"BOX", "HULL", "WRAP"}) {
+      const Box box = box_of(read_with(std::string("{generate: {kind: ") + kind + ", points: 98}, control: MESH}", plane));
+      EXPECT_LT(box.min[1], -2) << kind;
+      EXPECT_GT(box.max[1], 2) << kind;
+    }
+    const Box box = box_of(read_with("{generate: {kind: BOX, points: 26, offset: 0.25}}", plane));
+    EXPECT_EQ(box.min, (Vec3{-1.25, 0, -1.75}));
+    EXPECT_EQ(box.max, (Vec3{1.25, 2.25, 1.75}));
+  }
+  const auto refused = [&](const std::string& cage, const std::string& plane, const std::vector<const char*>& parts) {
+    expect_error(ErrorCode::invalid_argument, parts, [&] { read_with(cage, plane); });
+  };
+  refused("{generate: {kind: WRAP}, control: CONTROLS}", given,
+          {"half.yaml: method.cage.generate: ", "kind BOX", "control MESH"});
+  refused("{generate: {kind: BOX}}", "point: [0, 0, 0], normal: [0.1, 1, 0]", {"symmetry[0]", "perpendicular to an axis"});
+  refused("{generate: {kind: BOX}}", "region: {ids: [0, 2, 3]}", {"symmetry[0]", "`point` and `normal`"});
+}
+
 TEST_F(CageFile, EveryFormatGivesTheSameTriangles) {
   write("cage.off", "OFF\n4 4 0\n0 0 0\n4 0 0\n0 4 0\n0 0 4.5\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n");
   EXPECT_EQ(read("{file: cage.off}").method().cage().triangles_size(), 12);

@@ -122,7 +122,7 @@ TEST(ControlLattice, MovesMirrorImagesOfControlPoints) {
   const ControlLattice lattice = control_lattice(moving, half_box());
   std::vector<Vec3> moved = moved_controls(moving, lattice, {0.25, 0.7, 0});
   const std::vector<Vec3> before = moved;
-  move_images(mirror_planes(moving, half_box()), lattice.places, moved);
+  move_images(client::mirror_planes(moving, half_box()), lattice.places, moved);
   for (std::size_t k = 0; k < 4; ++k) {
     const Vec3& own = before[3 + 16 * k];
     EXPECT_EQ(moved[3 + 16 * k], own);
@@ -136,7 +136,7 @@ TEST(ControlLattice, KeepsControlPointsInThePlane) {
   const v1::Setup half = setup(std::string(clamped) + "symmetry: [{point: [0, 3, 0], normal: [0, 1, 0]}]\n");
   const std::vector<Vec3> places{{1, 3, 0}, {1, 4, 0}};
   std::vector<Vec3> moved{{1.5, 3.25, 1}, {1.5, 4.25, 1}};
-  move_images(mirror_planes(half, half_box()), places, moved);
+  move_images(client::mirror_planes(half, half_box()), places, moved);
   EXPECT_EQ(moved[0], (Vec3{1.5, 3, 1}));
   EXPECT_EQ(moved[1], (Vec3{1.5, 4.25, 1}));
 }
