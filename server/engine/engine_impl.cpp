@@ -321,7 +321,7 @@ v1::EstimateReply EngineImpl::estimate(const v1::EstimateRequest& request, const
   reply.set_budget_bytes(memory_.total());
   reply.set_fits(reply.peak_bytes() + mesh_bytes(*mesh) <= memory_.total());
   convert::add_handles(*reply.mutable_handles(), setup, regions);
-  convert::add_setup_notes(*reply.mutable_notes(), setup);
+  convert::add_setup_notes(*reply.mutable_notes(), setup, *mesh, regions);
   reply.set_fixed_points(regions.fixed.size());
   reply.set_system_id(recipe->id.id);
   reply.set_resident(cache_->contains(key_of(recipe->id)));
@@ -377,7 +377,7 @@ std::shared_ptr<ResidentSystem> EngineImpl::make_system(const Recipe& recipe, co
   return_freed_memory(estimate.peak_bytes - std::min(estimate.peak_bytes, resident->system->bytes()));
   resident->info = convert::system_info(resident->system->info(), recipe.canonical, recipe.id.id);
   convert::add_handles(*resident->info.mutable_handles(), resident->setup, planned.regions);
-  convert::add_setup_notes(*resident->info.mutable_notes(), resident->setup);
+  convert::add_setup_notes(*resident->info.mutable_notes(), resident->setup, *resident->mesh, planned.regions);
   resident->told = without_large_setup(resident->info);
   std::int64_t created_ms = recipe.created_ms;
   if (storing == Storing::store) {
