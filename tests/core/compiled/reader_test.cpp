@@ -171,22 +171,6 @@ TEST(CompiledReader, ReadsWhatWasWritten) {
   }
 }
 
-TEST(CompiledReader, TheMeshIsRenamedAsIfItHadBeenWrittenSo) {
-  for (const std::string name : {"", "b.obj", "a name of sixteen.stl", "mesh"}) {
-    test::Blend blend(400, 1);
-    blend.content.mesh = "car.obj";
-    blend.content.notes = {"mesh", "a note"};
-    const std::vector<std::byte> bytes = test::file_of(blend.content);
-    blend.content.mesh = name;
-    EXPECT_EQ(with_mesh_name(bytes, name), test::file_of(blend.content)) << name;
-    EXPECT_EQ(read_content(with_mesh_name(bytes, name)).mesh, name);
-  }
-  const std::vector<std::byte> bytes = test::file_of(test::Blend(400).content);
-  expect_error(ErrorCode::invalid_argument, {"mesh"}, [&] { with_mesh_name(bytes, std::string(70000, 'x')); });
-  const std::span<const std::byte> cut = std::span(bytes).first(bytes.size() / 2);
-  expect_error(ErrorCode::data_loss, {}, [&] { read_content(with_mesh_name(cut, "b.obj")); });
-}
-
 TEST(CompiledReader, LargeArraysAreManyRecords) {
   const test::Blend blend(60000);
   Records records(blend.content);
