@@ -169,6 +169,7 @@ class Sweep {
   }
 
   void work(Progress& progress) {
+    progress.count("sweep", report_.skipped, report_.skipped + todo_.size());
     std::vector<std::thread> threads;
     const auto batches = (todo_.size() + batch_ - 1) / batch_;
     const auto count = std::min<std::size_t>(static_cast<std::size_t>(options_.parallel), batches);
