@@ -6,6 +6,7 @@
 
 #include <algorithm>
 
+#include "core/base/vectors.h"
 #include "proto/convert/setup.h"
 #include "tests/server/engine_fixture.h"
 #include "tests/support/expect_error.h"
