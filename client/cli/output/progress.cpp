@@ -60,7 +60,7 @@ void Progress::wait(const std::string& stage) {
   text_.clear();
   waiting_ = true;
   waiting_since_ = Clock::now();
-  if (!ticker_.joinable()) ticker_ = std::jthread([this](std::stop_token stop) { tick(std::move(stop)); });
+  if (!ticker_.joinable()) ticker_ = std::jthread([this](const std::stop_token& stop) { tick(stop); });
 }
 
 void Progress::show(const std::string& stage, const std::string& bar, const std::string& text, bool last) {
@@ -70,7 +70,7 @@ void Progress::show(const std::string& stage, const std::string& bar, const std:
   text_ = text;
   waiting_ = false;
   if (!terminal_) {
-    if (!ticker_.joinable()) ticker_ = std::jthread([this](std::stop_token stop) { tick(std::move(stop)); });
+    if (!ticker_.joinable()) ticker_ = std::jthread([this](const std::stop_token& stop) { tick(stop); });
     return;
   }
   if (!due) return;
@@ -79,7 +79,7 @@ void Progress::show(const std::string& stage, const std::string& bar, const std:
 }
 
 /// Lines that are due by the time alone.
-void Progress::tick(std::stop_token stop) {
+void Progress::tick(const std::stop_token& stop) {
   std::unique_lock lock(mutex_);
   while (!stop.stop_requested()) {
     changed_.wait_for(lock, stop, terminal_ ? seconds_redrawn : every_, [] { return false; });

@@ -32,7 +32,7 @@ class Progress {
  private:
   void show(const std::string& stage, const std::string& bar, const std::string& text, bool last);
   void draw(const std::string& line);
-  void tick(std::stop_token stop);
+  void tick(const std::stop_token& stop);
 
   const bool terminal_;
   const std::chrono::milliseconds every_;
