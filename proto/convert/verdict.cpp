@@ -160,17 +160,10 @@ void judge_constraints(const v1::ConstraintsReport& constraints, std::vector<Fin
 }  // namespace
 
 MethodFacts method_facts(const v1::Setup& setup) {
-  using Effect = MethodFacts::Effect;
-  const auto effect = [](const v1::Method& method) {
-    if (!method.has_rbf()) return Effect::unknown;
-    // Kernels that fall off from each centre have slopes there that make much of the rounding of coordinates: with layers of
-    // 1e-7 D the points were 1,000 times as far off as told, though by 2e-11 of the motion only.
-    const v1::Kernel kernel = method.rbf().kernel();
-    return kernel == v1::GAUSSIAN || kernel == v1::INVERSE_MULTIQUADRIC ? Effect::close_points : Effect::measured;
-  };
   MethodFacts facts;
-  facts.condition_effect = effect(setup.method());
-  for (const auto& stage : setup.then()) facts.condition_effect = std::min(facts.condition_effect, effect(stage.method()));
+  const bool all = setup.method().has_rbf() && std::all_of(setup.then().begin(), setup.then().end(),
+                                                           [](const auto& stage) { return stage.method().has_rbf(); });
+  if (all) facts.condition_effect = MethodFacts::Effect::measured;
   if (!setup.method().has_rbf() || setup.then_size() > 0) return facts;
   const v1::RbfMethod& rbf = setup.method().rbf();
   if (rbf.solver() == v1::INCREMENTAL_QR) facts.least_squares_tolerance = rbf.tolerance();

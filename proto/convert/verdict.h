@@ -14,9 +14,8 @@ namespace deform::convert {
 struct MethodFacts {
   /// What a large condition does to the points.
   enum class Effect {
-    unknown,       ///< nobody knows
-    close_points,  ///< the same, but it comes from handle and fixed points that are close to each other
-    measured       ///< these, and it is part of the estimated error
+    unknown,
+    measured  ///< it is part of the estimated error
   };
   Effect condition_effect = Effect::unknown;
   double least_squares_tolerance = 0;  ///< of INCREMENTAL_QR, as a fraction of the diagonal; else 0
@@ -25,9 +24,9 @@ struct MethodFacts {
 };
 
 /// The effect of a condition is measured for methods that take their residuals with twice the digits and from the exact matrix,
-/// and see by them that their factor has digits left: radial basis functions, but for kernels that fall off from each centre. The
-/// matrices of energies are rounded when they are assembled, which their residuals do not show, and the errors of lattices and
-/// cages are bounds. Points overshoot with kernels that are smooth at the centres. Any thread.
+/// and see by them that their factor has digits left: radial basis functions. The matrices of energies are rounded when they are
+/// assembled, which their residuals do not show, and the errors of lattices and cages are bounds. Points overshoot with kernels
+/// that are smooth at the centres. Any thread.
 MethodFacts method_facts(const v1::Setup& setup);
 
 /// The facts on which a verdict depends besides the result of a design.
