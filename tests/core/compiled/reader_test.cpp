@@ -171,6 +171,13 @@ TEST(CompiledReader, ReadsWhatWasWritten) {
   }
 }
 
+TEST(CompiledReader, SaysWhyAFileCannotBeOpened) {
+  expect_error(ErrorCode::not_found, {"/nowhere/car.deformation: cannot be read: No such file or directory"},
+               [] { read_content(std::filesystem::path("/nowhere/car.deformation")); });
+  const std::filesystem::path folder = std::filesystem::temp_directory_path();
+  expect_error(ErrorCode::not_found, {"cannot be read: Is a directory"}, [&] { read_content(folder); });
+}
+
 TEST(CompiledReader, LargeArraysAreManyRecords) {
   const test::Blend blend(60000);
   Records records(blend.content);
