@@ -446,9 +446,14 @@ v1::BasisHeader Client::get_basis(const std::string& system_id, const std::funct
                                   const CallOptions& call) {
   v1::GetBasisRequest request;
   request.set_system_id(system_id);
+  return get_basis(request, sink, call);
+}
+
+v1::BasisHeader Client::get_basis(const v1::GetBasisRequest& request, const std::function<void(std::span<const std::byte>)>& sink,
+                                  const CallOptions& call) {
   bool delivered = false;
   return with_retries(
-      *impl_, of_system(system_id), call, Retry::safe,
+      *impl_, of_system(request.system_id()), call, Retry::safe,
       [&](Attempt& attempt, const RunContext&) {
         std::optional<v1::BasisHeader> header;
         std::uint64_t bytes = 0;

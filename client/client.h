@@ -229,6 +229,9 @@ class Client {
   /// compiled, and does not repeat the call once a piece has been handed over.
   v1::BasisHeader get_basis(const std::string& system_id, const std::function<void(std::span<const std::byte>)>& sink,
                             const CallOptions& call = {});
+  /// The same, with the name of the mesh that is to stand in it.
+  v1::BasisHeader get_basis(const v1::GetBasisRequest& request, const std::function<void(std::span<const std::byte>)>& sink,
+                            const CallOptions& call = {});
 
   /// Version, load, memory, cache, store and limits of the server; of several, the first one that answers.
   v1::ServerInfo server_info(const CallOptions& call = {});

@@ -24,4 +24,12 @@ std::string read_small_file(const std::filesystem::path& path, const std::string
   return text;
 }
 
+std::string why_unreadable(const std::filesystem::path& path) {
+  std::error_code ignored;
+  if (std::filesystem::is_directory(path, ignored)) return std::strerror(EISDIR);
+  errno = 0;
+  if (std::ifstream(path, std::ios::binary)) return {};
+  return errno != 0 ? std::strerror(errno) : "it cannot be opened";
+}
+
 }  // namespace deform

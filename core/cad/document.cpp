@@ -25,6 +25,7 @@
 #include <fstream>
 
 #include "core/base/error.h"
+#include "core/base/small_file.h"
 #include "core/base/text.h"
 #include "core/cad/model.h"
 
@@ -238,7 +239,9 @@ bool can_be_written(const std::filesystem::path& path) {
 }
 
 Document read_document(const std::filesystem::path& path, Healing healing) {
-  if (!std::ifstream(path)) throw Error(ErrorCode::not_found, path.string() + ": the CAD file cannot be opened");
+  if (const std::string why = why_unreadable(path); !why.empty()) {
+    throw Error(ErrorCode::not_found, path.string() + ": the CAD file cannot be opened: " + why);
+  }
   silence_messages();
   Document document;
   Model reading;

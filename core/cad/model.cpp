@@ -38,6 +38,7 @@
 
 #include "core/base/error.h"
 #include "core/base/number_text.h"
+#include "core/base/small_file.h"
 #include "core/base/text.h"
 #include "core/cad/availability.h"
 
@@ -240,7 +241,9 @@ TopoDS_Shape read_shape(const std::filesystem::path& path, Model& model) {
 }
 
 Model read_model(const std::filesystem::path& path, double scale) {
-  if (!std::ifstream(path)) throw Error(ErrorCode::not_found, path.string() + ": the CAD file cannot be opened");
+  if (const std::string why = why_unreadable(path); !why.empty()) {
+    throw Error(ErrorCode::not_found, path.string() + ": the CAD file cannot be opened: " + why);
+  }
   silence_messages();
   Model reading;
   reading.name = path.string();

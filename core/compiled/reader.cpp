@@ -3,10 +3,12 @@
 
 #include <algorithm>
 #include <array>
+#include <cerrno>
 #include <cmath>
 #include <cstring>
 #include <fstream>
 #include <string>
+#include <system_error>
 #include <utility>
 #include <vector>
 
@@ -459,9 +461,11 @@ class MemorySource : public ByteSource {
 class FileSource : public ByteSource {
  public:
   explicit FileSource(const std::filesystem::path& file) : stream_(file, std::ios::binary) {
+    const std::error_code opened = stream_ ? std::error_code() : std::error_code(errno, std::generic_category());
     std::error_code error;
     size_ = std::filesystem::file_size(file, error);
-    if (!stream_ || error) throw Error(ErrorCode::not_found, file.string() + ": cannot be read");
+    if (error || opened)
+      throw Error(ErrorCode::not_found, file.string() + ": cannot be read: " + (error ? error : opened).message());
   }
   std::uint64_t size() const override { return size_; }
   void read(std::span<std::byte> out) override {

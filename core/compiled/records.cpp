@@ -267,43 +267,4 @@ bool Records::next(std::vector<std::byte>& piece) {
   return true;
 }
 
-std::vector<std::byte> with_mesh_name(std::span<const std::byte> file, const std::string& name) {
-  check_text(name, "mesh");
-  const std::string key = "mesh";
-  std::vector<std::byte> result(file.begin(),
-                                file.begin() + static_cast<std::ptrdiff_t>(std::min(file.size(), sizeof(Preamble))));
-  std::vector<std::byte> headers, payload;
-  const auto bytes_of = [](const auto& value) { return std::as_bytes(std::span(&value, 1)); };
-  for (std::size_t at = sizeof(Preamble); at + sizeof(RecordHeader) <= file.size();) {
-    auto header = number_at<RecordHeader>(file.data() + at);
-    const auto old = file.subspan(at + sizeof header, std::min<std::size_t>(header.bytes, file.size() - at - sizeof header));
-    at += sizeof header + padded(old.size());
-    payload.assign(old.begin(), old.end());
-    const std::size_t start = sizeof(std::uint32_t) + key.size();
-    if (header.kind == Kind::text && old.size() >= start && number_at<std::uint32_t>(old.data()) == key.size() &&
-        std::memcmp(old.data() + sizeof(std::uint32_t), key.data(), key.size()) == 0) {
-      payload.resize(start);
-      const auto text = std::as_bytes(std::span(name));
-      payload.insert(payload.end(), text.begin(), text.end());
-    } else if (header.kind == Kind::end) {
-      const std::uint64_t sum = checksum(headers);
-      payload.resize(sizeof sum);
-      std::memcpy(payload.data(), &sum, sizeof sum);
-    }
-    header.bytes = payload.size();
-    header.checksum = checksum(payload);
-    const auto head = bytes_of(header);
-    headers.insert(headers.end(), head.begin(), head.end());
-    result.insert(result.end(), head.begin(), head.end());
-    payload.resize(padded(payload.size()));
-    result.insert(result.end(), payload.begin(), payload.end());
-  }
-  if (result.size() >= sizeof(Preamble)) {
-    auto preamble = number_at<Preamble>(result.data());
-    preamble.bytes = result.size();
-    std::memcpy(result.data(), &preamble, sizeof preamble);
-  }
-  return result;
-}
-
 }  // namespace deform::compiled

@@ -54,8 +54,4 @@ class Records {
   std::vector<std::byte> headers_;  ///< of the records so far
 };
 
-/// The bytes of a file with another Content::mesh, all other records bit for bit. `file`: what read_content() takes, else the
-/// result is none either. Throws Error(invalid_argument) for a name beyond 64 KiB.
-std::vector<std::byte> with_mesh_name(std::span<const std::byte> file, const std::string& name);
-
 }  // namespace deform::compiled

@@ -29,14 +29,15 @@ std::optional<std::string> beyond_digits(double displacement, double diagonal) {
          "units?";
 }
 
-std::optional<std::string> displacement_warning(const Extreme& largest, double prescribed, double diagonal) {
+std::optional<std::string> displacement_warning(const Extreme& largest, double prescribed, double diagonal,
+                                                const std::string& cause) {
   if (!(prescribed > 0) || !(largest.value > 1e-9 * diagonal)) return std::nullopt;
   const double ratio = largest.value / prescribed;
   if (!(ratio >= displacement_ratio_to_warn)) return std::nullopt;
   return "point " + std::to_string(largest.id) + " moves " + rounded("%.3g", largest.value) + ", " +
          rounded(ratio < 1000 ? "%.1f" : "%.0e", ratio) + " times the largest prescribed displacement (" +
-         rounded("%.3g", prescribed) +
-         "): the surface may be folded or stretched there; move more of what is around the handles, " + "or move them less";
+         rounded("%.3g", prescribed) + "): the surface may be folded or stretched there; " +
+         (cause.empty() ? std::string("move more of what is around the handles, or move them less") : cause);
 }
 
 }  // namespace deform

@@ -56,8 +56,10 @@ std::optional<std::string> beyond_digits(double displacement, double diagonal);
 /// The ratio to the largest prescribed displacement from which on displacement_warning() warns.
 inline constexpr double displacement_ratio_to_warn = 1.5;
 
-/// A warning in one sentence if `largest` exceeds `prescribed`, the largest prescribed displacement, by this ratio or more. No
-/// warning if nothing is prescribed or if the displacement is below 1e-9 of the diagonal.
-std::optional<std::string> displacement_warning(const Extreme& largest, double prescribed, double diagonal);
+/// A warning in one sentence if `largest` exceeds `prescribed`, the largest prescribed displacement, by this ratio or more, with
+/// the cause and what to do where that is known. No warning if nothing is prescribed or if the displacement is below 1e-9 of the
+/// diagonal.
+std::optional<std::string> displacement_warning(const Extreme& largest, double prescribed, double diagonal,
+                                                const std::string& cause = {});
 
 }  // namespace deform

@@ -8,6 +8,7 @@
 
 #include "core/deformers/composed/composed_setup.h"
 #include "core/deformers/methods.h"
+#include "core/deformers/unheld_bodies.h"
 #include "proto/convert/base/fields.h"
 
 namespace deform::convert {
@@ -80,7 +81,9 @@ void add_handles(google::protobuf::RepeatedPtrField<v1::HandleInfo>& to, const S
   }
 }
 
-void add_setup_notes(google::protobuf::RepeatedPtrField<std::string>& to, const Setup& setup) {
+void add_setup_notes(google::protobuf::RepeatedPtrField<std::string>& to, const Setup& setup, const Mesh& mesh,
+                     const SelectedRegions& regions) {
+  if (std::string note = unheld_bodies_note(mesh, regions); !note.empty()) *to.Add() = std::move(note);
   if (setup.fixed.empty() && !selects_controls(setup)) *to.Add() = "Nothing is fixed, so everything that is no handle may move.";
   for (std::size_t s = 1; s <= setup.then.size(); ++s) {
     const Setup own = stage_setup(setup, s).setup;

@@ -15,8 +15,10 @@ namespace deform::convert {
 v1::SystemInfo system_info(const SystemInfo& info, const v1::Setup& canonical, const std::string& id);
 void add_handles(google::protobuf::RepeatedPtrField<v1::HandleInfo>& to, const Setup& setup, const SelectedRegions& regions);
 
-/// Adds the notes on the setup itself, which are not in SystemInfo.
-void add_setup_notes(google::protobuf::RepeatedPtrField<std::string>& to, const Setup& setup);
+/// Adds the notes on the setup itself and on what its regions, those of validate(), hold of the mesh, which are not in
+/// SystemInfo.
+void add_setup_notes(google::protobuf::RepeatedPtrField<std::string>& to, const Setup& setup, const Mesh& mesh,
+                     const SelectedRegions& regions);
 
 v1::EstimateReply estimate_reply(const Estimate& estimate);
 /// The reply for EstimateRequest.list_problems.

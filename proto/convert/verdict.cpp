@@ -13,9 +13,13 @@ namespace deform::convert {
 
 namespace {
 
+constexpr double least_tolerance = 1e-10;                  // of solvers
 constexpr double bad_error = 1e-3, doubtful_error = 1e-6;  // of the motion
 constexpr double negligible_error = 1e-12;                 // of D
 constexpr double doubtful_condition = 1e12;
+constexpr double harmless_error = 1e-8;  // of the motion: measured, it says that such a condition did no harm
+// Up to which an error can be measured: the factor that is to say what residuals make of the points has one digit left.
+constexpr double measurable_condition = 1e15;
 constexpr double bad_misfit = 0.5, doubtful_misfit = 0.02;  // of the largest prescribed displacement
 constexpr double no_motion = 1e-6;                          // of the same
 constexpr double far_away = 10;                             // of D: prescribed displacements in other units than the mesh
@@ -27,6 +31,20 @@ std::string rounded(double value) {
 }
 
 using Finding = std::pair<v1::Verdict, std::string>;
+
+/// The tolerance that would do, where it is of something else than the error. Between them is a factor that hardly grows as the
+/// tolerance falls; for that and for other motions there is a margin.
+std::string least_squares_advice(const SolutionFacts& facts, const v1::DesignResult& result) {
+  constexpr double margin = 4;
+  const double tolerance = facts.method.least_squares_tolerance;
+  if (!(tolerance > 0) || !std::isfinite(result.relative_error())) return {};
+  const double limit = result.relative_error() > bad_error ? bad_error : doubtful_error;
+  const double enough = tolerance * limit / (margin * result.relative_error());
+  const double unit = std::pow(10.0, std::floor(std::log10(enough)));
+  const std::string other = enough < least_tolerance ? "take " : "take " + rounded(std::floor(enough / unit) * unit) + " or ";
+  return ": the tolerance " + rounded(tolerance) + " of INCREMENTAL_QR is at handle and fixed points, and errors between them " +
+         "are larger; " + other + "solver SOLVER_AUTOMATIC";
+}
 
 void judge_solution(const SolutionFacts& facts, const v1::DesignResult& result, std::vector<Finding>& found) {
   if (!std::isfinite(result.max_displacement()) || !std::isfinite(result.estimated_error())) {
@@ -40,11 +58,27 @@ void judge_solution(const SolutionFacts& facts, const v1::DesignResult& result, 
   if (result.estimated_error() > negligible_error * facts.diagonal && result.relative_error() > doubtful_error) {
     found.emplace_back(result.relative_error() > bad_error ? v1::VERDICT_BAD : v1::VERDICT_DOUBTFUL,
                        "the estimated error is " + rounded(result.estimated_error()) + ", " + rounded(result.relative_error()) +
-                           " of the largest displacement");
+                           " of the largest displacement" + least_squares_advice(facts, result));
   }
-  if (facts.condition > doubtful_condition) {
-    found.emplace_back(v1::VERDICT_DOUBTFUL, "the condition of the system is " + rounded(facts.condition));
+}
+
+/// A large condition is a reason to doubt where nobody knows what it did to the points. Adds a note where that is known and
+/// nothing.
+void judge_condition(const SolutionFacts& facts, v1::DesignResult& result, std::vector<Finding>& found) {
+  if (!(facts.condition > doubtful_condition)) return;
+  const std::string condition = "the condition of the system is " + rounded(facts.condition);
+  const bool measured = facts.method.condition_effect == MethodFacts::Effect::measured;
+  const std::string error = "; the measured error is " + rounded(result.relative_error()) + " of the largest displacement";
+  const bool small = result.relative_error() <= harmless_error || result.estimated_error() <= negligible_error * facts.diagonal;
+  if (measured && facts.converged && small && facts.condition <= measurable_condition) {
+    result.add_notes(condition + error);
+    return;
   }
+  const char* const advice = facts.method.condition_effect == MethodFacts::Effect::unknown
+                                 ? ": hold parts that nothing holds, or give stretching and bending both a weight"
+                                 : ": handle and fixed points nearly coincide; hold fewer of them, or take kernel BIHARMONIC";
+  found.emplace_back(v1::VERDICT_DOUBTFUL,
+                     condition + (measured ? error : "; how far that moves the points is not measured") + advice);
 }
 
 /// Whether the points do what they are told, as far as the method can know.
@@ -95,7 +129,8 @@ void judge_mesh(const SolutionFacts& facts, const v1::DesignResult& result, std:
       displacement_warning({result.max_displacement(), 0}, result.prescribed_displacement(), facts.diagonal)) {
     found.emplace_back(v1::VERDICT_DOUBTFUL, "a point moves " +
                                                  rounded(result.max_displacement() / result.prescribed_displacement()) +
-                                                 " times the largest prescribed displacement");
+                                                 " times the largest prescribed displacement" +
+                                                 (facts.method.overshoot.empty() ? "" : ": " + facts.method.overshoot));
   }
 }
 
@@ -124,9 +159,29 @@ void judge_constraints(const v1::ConstraintsReport& constraints, std::vector<Fin
 
 }  // namespace
 
+MethodFacts method_facts(const v1::Setup& setup) {
+  MethodFacts facts;
+  const bool all = setup.method().has_rbf() && std::all_of(setup.then().begin(), setup.then().end(),
+                                                           [](const auto& stage) { return stage.method().has_rbf(); });
+  if (all) facts.condition_effect = MethodFacts::Effect::measured;
+  if (!setup.method().has_rbf() || setup.then_size() > 0) return facts;
+  const v1::RbfMethod& rbf = setup.method().rbf();
+  if (rbf.solver() == v1::INCREMENTAL_QR) facts.least_squares_tolerance = rbf.tolerance();
+  const v1::Kernel kernel = rbf.kernel();
+  if (setup.fixed_size() == 0) {
+    facts.overshoot = "nothing is fixed, so that what is beyond the handles goes on moving as they do; fix what is to stay";
+  } else if (kernel == v1::THIN_PLATE || kernel == v1::TRIHARMONIC || kernel == v1::QUINTIC || kernel == v1::WENDLAND_C2) {
+    facts.overshoot = "kernel " + v1::Kernel_Name(kernel) +
+                      " carries the slopes of handles that turn or bend on beyond them; kernel BIHARMONIC hardly does";
+  }
+  return facts;
+}
+
 void set_verdict(const SolutionFacts& facts, v1::DesignResult& result) {
   std::vector<Finding> found;
+  result.clear_notes();
   judge_solution(facts, result, found);
+  if (std::isfinite(result.max_displacement()) && std::isfinite(result.estimated_error())) judge_condition(facts, result, found);
   judge_motion(facts, result, found);
   judge_mesh(facts, result, found);
   judge_size(facts, result, found);
@@ -134,7 +189,11 @@ void set_verdict(const SolutionFacts& facts, v1::DesignResult& result) {
   std::stable_sort(found.begin(), found.end(), [](const Finding& a, const Finding& b) { return a.first > b.first; });
   result.set_verdict(found.empty() ? v1::VERDICT_GOOD : found.front().first);
   result.clear_reasons();
-  for (const Finding& finding : found) result.add_reasons(finding.second);
+  result.set_reasons_of_verdict(0);
+  for (const Finding& finding : found) {
+    result.add_reasons(finding.second);
+    if (finding.first == result.verdict()) result.set_reasons_of_verdict(static_cast<std::uint32_t>(result.reasons_size()));
+  }
 }
 
 }  // namespace deform::convert

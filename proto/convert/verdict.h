@@ -6,8 +6,28 @@
 #include <vector>
 
 #include "deform/v1/deformation.pb.h"
+#include "deform/v1/setup.pb.h"
 
 namespace deform::convert {
+
+/// What is known of the method of a setup and matters for verdicts and warnings.
+struct MethodFacts {
+  /// What a large condition does to the points.
+  enum class Effect {
+    unknown,
+    measured  ///< it is part of the estimated error
+  };
+  Effect condition_effect = Effect::unknown;
+  double least_squares_tolerance = 0;  ///< of INCREMENTAL_QR, as a fraction of the diagonal; else 0
+  /// Why points may move much farther than prescribed, and what to do; empty if nothing is known.
+  std::string overshoot{};
+};
+
+/// The effect of a condition is measured for methods that take their residuals with twice the digits and from the exact matrix,
+/// and see by them that their factor has digits left: radial basis functions. The matrices of energies are rounded when they are
+/// assembled, which their residuals do not show, and the errors of lattices and cages are bounds. Points overshoot with kernels
+/// that are smooth at the centres. Any thread.
+MethodFacts method_facts(const v1::Setup& setup);
 
 /// The facts on which a verdict depends besides the result of a design.
 struct SolutionFacts {
@@ -16,6 +36,7 @@ struct SolutionFacts {
   bool converged = true;       ///< DesignReport::converged
   std::size_t torn_edges = 0;  ///< DesignReport::torn_edges
   double misfit = 0;           ///< DesignReport::misfit, model units: of direct manipulation
+  MethodFacts method{};
 };
 
 /// Sets the verdict and its reasons from all other fields of `result`; see v1::Verdict.

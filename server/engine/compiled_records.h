@@ -19,7 +19,7 @@ class CompiledRecords : public BasisRecords {
   /// Bytes of the records that are being made and sent.
   static constexpr std::size_t working_bytes = 4 * compiled::Records::piece_bytes;
 
-  /// mesh: name of the geometry. Throws what CompiledForm throws.
+  /// mesh: the name that stands in the file. Throws what CompiledForm throws.
   CompiledRecords(const SystemCache::Handle& system, const std::string& mesh, Charge charge);
 
   const v1::BasisHeader& header() const override { return header_; }

@@ -287,11 +287,13 @@ void DeformCall::push_results(std::size_t step, WholeDesigns* whole) {
     v1::DesignResult& result = *push().mutable_result();
     const DesignReport& report = bound_->evaluation->report(design);
     const auto& info = bound_->system->info;
-    result = design_result(progress_[d], report, bound_->system->setup, info.diagonal());
+    result = design_result(progress_[d], report, bound_->system->setup, info);
     result.set_design(static_cast<std::uint32_t>(bound_->numbers[design]));
     if (whole != nullptr) whole->findings[d].move_to(result);
     if (bound_->values == DeformTask::Values::positions) {
-      convert::set_verdict({info.diagonal(), info.condition(), report.converged, report.torn_edges, report.misfit}, result);
+      convert::set_verdict({info.diagonal(), info.condition(), report.converged, report.torn_edges, report.misfit,
+                            convert::method_facts(info.setup())},
+                           result);
     }
     fell_back_ += progress_[d].fell_back;
   }

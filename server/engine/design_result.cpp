@@ -5,6 +5,7 @@
 
 #include "core/quality/displacement.h"
 #include "proto/convert/report.h"
+#include "proto/convert/verdict.h"
 
 namespace deform::server {
 
@@ -16,7 +17,7 @@ void DeliveredDesign::add(const codec::Block& block, const Extreme& largest_disp
 }
 
 v1::DesignResult design_result(const DeliveredDesign& delivered, const DesignReport& report, const Setup& setup,
-                               double diagonal) {
+                               const v1::SystemInfo& info) {
   v1::DesignResult result;
   result.set_checksum(codec::fold_checksums(delivered.checksums));
   result.set_max_error(delivered.max_error);
@@ -28,7 +29,8 @@ v1::DesignResult design_result(const DeliveredDesign& delivered, const DesignRep
   result.set_control_displacement(report.control_displacement);
   result.set_estimated_error(report.error);
   if (result.max_displacement() > 0) result.set_relative_error(report.error / result.max_displacement());
-  if (const auto warning = displacement_warning(delivered.displacement, report.prescribed_displacement, diagonal)) {
+  if (const auto warning = displacement_warning(delivered.displacement, report.prescribed_displacement, info.diagonal(),
+                                                convert::method_facts(info.setup()).overshoot)) {
     result.add_warnings(*warning);
   }
   for (const std::string& warning : report.warnings) result.add_warnings(warning);

@@ -22,8 +22,9 @@ struct DeliveredDesign {
   void add(const codec::Block& block, const Extreme& largest_displacement);
 };
 
-/// The reply about a design all of whose blocks have been made, but for its number and what checks found. `diagonal`:
-/// of the bounding box, model units.
-v1::DesignResult design_result(const DeliveredDesign& delivered, const DesignReport& report, const Setup& setup, double diagonal);
+/// The reply about a design all of whose blocks have been made, but for its number and what checks found. `info`: of
+/// its system, with the setup.
+v1::DesignResult design_result(const DeliveredDesign& delivered, const DesignReport& report, const Setup& setup,
+                               const v1::SystemInfo& info);
 
 }  // namespace deform::server

@@ -321,7 +321,7 @@ v1::EstimateReply EngineImpl::estimate(const v1::EstimateRequest& request, const
   reply.set_budget_bytes(memory_.total());
   reply.set_fits(reply.peak_bytes() + mesh_bytes(*mesh) <= memory_.total());
   convert::add_handles(*reply.mutable_handles(), setup, regions);
-  convert::add_setup_notes(*reply.mutable_notes(), setup);
+  convert::add_setup_notes(*reply.mutable_notes(), setup, *mesh, regions);
   reply.set_fixed_points(regions.fixed.size());
   reply.set_system_id(recipe->id.id);
   reply.set_resident(cache_->contains(key_of(recipe->id)));
@@ -377,7 +377,7 @@ std::shared_ptr<ResidentSystem> EngineImpl::make_system(const Recipe& recipe, co
   return_freed_memory(estimate.peak_bytes - std::min(estimate.peak_bytes, resident->system->bytes()));
   resident->info = convert::system_info(resident->system->info(), recipe.canonical, recipe.id.id);
   convert::add_handles(*resident->info.mutable_handles(), resident->setup, planned.regions);
-  convert::add_setup_notes(*resident->info.mutable_notes(), resident->setup);
+  convert::add_setup_notes(*resident->info.mutable_notes(), resident->setup, *resident->mesh, planned.regions);
   resident->told = without_large_setup(resident->info);
   std::int64_t created_ms = recipe.created_ms;
   if (storing == Storing::store) {
@@ -737,16 +737,21 @@ void EngineImpl::get_basis(const v1::GetBasisRequest& request, const CallContext
                            std::function<void(Outcome<std::shared_ptr<BasisRecords>>)> on_done) {
   using BasisCall = OutcomeCall<std::shared_ptr<BasisRecords>>;
   check_open();
+  constexpr std::size_t longest_name = 4096;
+  if (request.mesh().size() > longest_name) {
+    throw Error(ErrorCode::invalid_argument, "mesh: a name of " + std::to_string(request.mesh().size()) + " bytes, at most " +
+                                                 std::to_string(longest_name) + " are allowed");
+  }
   BasisCall::Task task;
   task.system_id = resolve_system(call.tenant, request.system_id()).id;
   task.source = source_of({call.tenant, task.system_id}, Needs::basis, call);
-  task.compute = [this, tenant = call.tenant](const SystemCache::Handle& system,
-                                              const RunContext&) -> std::shared_ptr<BasisRecords> {
+  task.compute = [this, tenant = call.tenant, mesh = request.mesh()](const SystemCache::Handle& system,
+                                                                     const RunContext&) -> std::shared_ptr<BasisRecords> {
     Charge charge = memory_.charge(
         CompiledForm::bytes_for(*system->system) + CompiledRecords::working_bytes,
         {"compiling system " + system->info.id().substr(0, 16), "raise the server's memory budget", system->system->bytes()});
-    return std::make_shared<CompiledRecords>(system, store_->info({tenant, system->info.geometry_id()}).name(),
-                                             std::move(charge));
+    const std::string name = mesh.empty() ? store_->info({tenant, system->info.geometry_id()}).name() : mesh;
+    return std::make_shared<CompiledRecords>(system, name, std::move(charge));
   };
   task.on_done = std::move(on_done);
   std::make_shared<BasisCall>(BasisCall::Parts{&scheduler_, cache_.get(), &calls_}, std::move(task), call)->begin();

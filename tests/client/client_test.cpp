@@ -258,11 +258,13 @@ TEST(Client, HandsOverTheBytesOfABasisInOrder) {
   replies[1].set_records("1234");
   replies[2].set_records("567");
   std::mutex mutex;  // of the replies: an attempt that the client has given up may still be sending them
+  std::string asked;
   std::atomic<int> attempts{0};
   int failures = 0;
   ScriptedService service;
   service.on_get_basis = [&](const v1::GetBasisRequest& request, auto& writer) {
     EXPECT_EQ(request.system_id(), "system");
+    asked = request.mesh();
     const bool fails = attempts++ < failures;
     std::unique_lock lock(mutex);
     const auto all = replies;
@@ -277,6 +279,12 @@ TEST(Client, HandsOverTheBytesOfABasisInOrder) {
   };
   EXPECT_EQ(client.get_basis("system", sink).bytes(), 7u);
   EXPECT_EQ(bytes, "1234567");
+  EXPECT_EQ(asked, "");
+  v1::GetBasisRequest request;
+  request.set_system_id("system");
+  request.set_mesh("copy.obj");
+  EXPECT_EQ(client.get_basis(request, sink).bytes(), 7u);
+  EXPECT_EQ(asked, "copy.obj");
 
   const std::vector<v1::BasisReply> whole = replies;
   const auto broken = [&](const char* part, const std::function<void()>& spoil) {

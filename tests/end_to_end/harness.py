@@ -84,7 +84,8 @@ class Result:
 
 
 def without_warnings(text):
-    return "".join(line for line in text.splitlines(keepends=True) if not line.startswith("deform: warning: "))
+    """Nor progress, which commands that take more than ten seconds tell."""
+    return "".join(line for line in text.splitlines(keepends=True) if not line.startswith(("deform: warning: ", "deform: progress: ")))
 
 
 class EndToEnd(unittest.TestCase):

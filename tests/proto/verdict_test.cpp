@@ -58,7 +58,38 @@ const std::vector<Case> cases = {
        set_error(r, 0.9e-12);
      },
      v1::VERDICT_GOOD, ""},
-    {"condition", [](auto& f, auto&) { f.condition = 1.1e12; }, v1::VERDICT_DOUBTFUL, "the condition of the system is 1.1e+12"},
+    {"condition", [](auto& f, auto&) { f.condition = 1.1e12; }, v1::VERDICT_DOUBTFUL,
+     "the condition of the system is 1.1e+12; how far that moves the points is not measured: hold parts"},
+    {"condition_of_a_measured_error",
+     [](auto& f, auto& r) {
+       f.condition = 3e13;
+       f.method.condition_effect = MethodFacts::Effect::measured;
+       set_error(r, 0.9e-9);
+     },
+     v1::VERDICT_GOOD, ""},
+    {"condition_that_is_felt",
+     [](auto& f, auto& r) {
+       f.condition = 3e13;
+       f.method.condition_effect = MethodFacts::Effect::measured;
+       set_error(r, 1.1e-9);
+     },
+     v1::VERDICT_DOUBTFUL,
+     "the condition of the system is 3e+13; the measured error is 1.1e-08 of the largest displacement: handle and fixed points"},
+    {"condition_that_leaves_nothing_to_measure_with",
+     [](auto& f, auto&) {
+       f.condition = 1.1e15;
+       f.method.condition_effect = MethodFacts::Effect::measured;
+     },
+     v1::VERDICT_DOUBTFUL, "the condition of the system is 1.1e+15; the measured error is 1e-13"},
+    {"condition_of_next_to_no_motion",
+     [](auto& f, auto& r) {
+       f.condition = 3e13;
+       f.method.condition_effect = MethodFacts::Effect::measured;
+       r.set_max_displacement(1e-11);
+       r.set_prescribed_displacement(1e-11);
+       set_error(r, 0.9e-12);
+     },
+     v1::VERDICT_GOOD, ""},
     {"flipped", [](auto&, auto& r) { r.mutable_faces()->set_flipped(2); }, v1::VERDICT_DOUBTFUL, "2 of 100 faces are flipped"},
     {"torn", [](auto& f, auto&) { f.torn_edges = 3; }, v1::VERDICT_DOUBTFUL, "3 edges are torn at the boundary of the lattice"},
     {"far", [](auto&, auto& r) { r.set_prescribed_displacement(0.06); }, v1::VERDICT_DOUBTFUL,
@@ -143,6 +174,87 @@ TEST_P(Verdict, IsWhatIsFound) {
 INSTANTIATE_TEST_SUITE_P(Results, Verdict, testing::ValuesIn(cases),
                          [](const auto& info) { return std::string(info.param.name); });
 
+TEST(Verdicts, AConditionThatDidNoHarmIsANote) {
+  SolutionFacts facts = good_facts;
+  v1::DesignResult result = good_result();
+  facts.method.condition_effect = MethodFacts::Effect::measured;
+  set_verdict(facts, result);
+  EXPECT_EQ(result.notes_size(), 0);
+  facts.condition = 3e13;
+  set_verdict(facts, result);
+  set_verdict(facts, result);  // what was there before does not count
+  ASSERT_EQ(result.notes_size(), 1);
+  EXPECT_EQ(result.notes(0), "the condition of the system is 3e+13; the measured error is 1e-13 of the largest displacement");
+  EXPECT_EQ(result.verdict(), v1::VERDICT_GOOD);
+  // A solver that did not arrive measures nothing.
+  facts.converged = false;
+  set_verdict(facts, result);
+  EXPECT_EQ(result.notes_size(), 0);
+  ASSERT_EQ(result.reasons_size(), 2);
+  EXPECT_NE(result.reasons(1).find("condition"), std::string::npos);
+}
+
+TEST(Verdicts, OnlyErrorsOfRadialFunctionsShowWhatAConditionDoes) {
+  v1::Setup setup;
+  EXPECT_EQ(method_facts(setup).condition_effect, MethodFacts::Effect::unknown);
+  setup.mutable_method()->mutable_rbf();
+  EXPECT_EQ(method_facts(setup).condition_effect, MethodFacts::Effect::measured);
+  setup.add_then()->mutable_method()->mutable_rbf();
+  EXPECT_EQ(method_facts(setup).condition_effect, MethodFacts::Effect::measured);
+  setup.add_then()->mutable_method()->mutable_ffd();
+  EXPECT_EQ(method_facts(setup).condition_effect, MethodFacts::Effect::unknown);
+  for (const auto choose : {+[](v1::Method& m) { m.mutable_shell(); }, +[](v1::Method& m) { m.mutable_mls(); },
+                            +[](v1::Method& m) { m.mutable_subspace(); }, +[](v1::Method& m) { m.mutable_cage(); }}) {
+    v1::Setup other;
+    choose(*other.mutable_method());
+    EXPECT_EQ(method_facts(other).condition_effect, MethodFacts::Effect::unknown);
+  }
+}
+
+TEST(Verdicts, NameTheToleranceThatWouldDo) {
+  v1::Setup setup;
+  v1::RbfMethod& rbf = *setup.mutable_method()->mutable_rbf();
+  rbf.set_tolerance(1e-4);
+  EXPECT_EQ(method_facts(setup).least_squares_tolerance, 0);  // of another solver it is the error
+  rbf.set_solver(v1::INCREMENTAL_QR);
+  EXPECT_EQ(method_facts(setup).least_squares_tolerance, 1e-4);
+  SolutionFacts facts = good_facts;
+  facts.method = method_facts(setup);
+  v1::DesignResult result = good_result();
+  set_error(result, 5.14e-3);  // 0.0514 of the motion, that is 51.4 times what is bad
+  set_verdict(facts, result);
+  ASSERT_EQ(result.reasons_size(), 1);
+  EXPECT_NE(result.reasons(0).find("the tolerance 0.0001 of INCREMENTAL_QR is at handle and fixed points"), std::string::npos);
+  EXPECT_NE(result.reasons(0).find("take 4e-07 or solver SOLVER_AUTOMATIC"), std::string::npos) << result.reasons(0);
+  set_error(result, 3e-6);
+  set_verdict(facts, result);
+  EXPECT_NE(result.reasons(0).find("take 8e-07 or"), std::string::npos) << result.reasons(0);
+  facts.method = {};
+  set_verdict(facts, result);
+  EXPECT_EQ(result.reasons(0), "the estimated error is 3e-06, 3e-05 of the largest displacement");
+}
+
+TEST(Verdicts, NameTheKernelThatOvershoots) {
+  v1::Setup setup;
+  setup.mutable_method()->mutable_rbf()->set_kernel(v1::THIN_PLATE);
+  EXPECT_NE(method_facts(setup).overshoot.find("nothing is fixed"), std::string::npos);
+  setup.add_fixed()->set_group("farfield");
+  SolutionFacts facts = good_facts;
+  facts.method = method_facts(setup);
+  v1::DesignResult result = good_result();
+  result.set_prescribed_displacement(0.05);
+  set_verdict(facts, result);
+  ASSERT_EQ(result.reasons_size(), 1);
+  EXPECT_NE(result.reasons(0).find("2 times the largest prescribed displacement: kernel THIN_PLATE"), std::string::npos);
+  EXPECT_NE(result.reasons(0).find("BIHARMONIC"), std::string::npos);
+  for (const v1::Kernel kernel : {v1::BIHARMONIC, v1::MULTIQUADRIC, v1::GAUSSIAN}) {
+    setup.mutable_method()->mutable_rbf()->set_kernel(kernel);
+    EXPECT_TRUE(method_facts(setup).overshoot.empty());
+  }
+  setup.mutable_method()->mutable_mls();
+  EXPECT_TRUE(method_facts(setup).overshoot.empty());
+}
+
 TEST(Verdicts, TheWorstReasonComesFirst) {
   SolutionFacts facts = good_facts;
   facts.condition = 1e13;
@@ -154,6 +266,14 @@ TEST(Verdicts, TheWorstReasonComesFirst) {
   ASSERT_EQ(result.reasons_size(), 2);
   EXPECT_NE(result.reasons(0).find("inverted"), std::string::npos);
   EXPECT_NE(result.reasons(1).find("condition"), std::string::npos);
+  EXPECT_EQ(result.reasons_of_verdict(), 1u);
+  result.mutable_cells()->set_inverted(0);
+  result.mutable_faces()->set_flipped(1);
+  set_verdict(facts, result);
+  EXPECT_EQ(result.reasons_of_verdict(), 2u);
+  result = good_result();
+  set_verdict(good_facts, result);
+  EXPECT_EQ(result.reasons_of_verdict(), 0u);
 }
 
 }  // namespace

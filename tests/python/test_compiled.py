@@ -73,6 +73,17 @@ def test_what_it_says_of_itself(case, system, fast):
     assert "2018 points, variables roof_up, slant_turn" in repr(fast)
 
 
+def test_the_mesh_has_the_name_of_the_setup_and_not_of_its_first_copy(case, client, system, tmp_path):
+    copy = tmp_path / "copy.obj"
+    copy.write_text("# a copy\n" + case.mesh.read_text())
+    again = client.prepare(case.setup, str(copy))
+    assert again.id == system.id
+    again.local().save(tmp_path / "copy.deformation")
+    assert deformd.load(tmp_path / "copy.deformation").mesh == "copy.obj"
+    assert client.prepare(case.setup, client.register(str(copy), name="mine")).local().mesh == "mine"
+    assert client.system(system.id).local().mesh == "ahmed.obj"  # no mesh is known here but the first
+
+
 def test_derivatives_are_those_of_the_server(system, fast):
     x, v = [0.01, -0.05], [0.3, -0.7]
     w = np.random.default_rng(3).normal(size=fast.rest.shape)

@@ -135,6 +135,11 @@ def test_bad_verdicts(squeezed):
         squeezed([6])
     np.testing.assert_array_equal(raised.value.deformation.points, bad.points)
     np.testing.assert_array_equal(squeezed([6], bad="keep"), bad.points)
+    # The message has the reasons for which it is bad, and not those that would have made it doubtful.
+    deciding = bad.report.reasons_of_verdict
+    assert 1 <= deciding < len(bad.report.reasons)
+    assert all(reason in str(raised.value) for reason in bad.report.reasons[:deciding])
+    assert not any(reason in str(raised.value) for reason in bad.report.reasons[deciding:])
     with pytest.raises(deformd.BadDesign, match=r"^2 bad designs: designs\[0\]: .* designs\[2\]: "):
         squeezed([[6], [1], [7]])
 

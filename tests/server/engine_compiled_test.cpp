@@ -90,6 +90,24 @@ TEST_F(EngineCompiledTest, gives_the_points_and_derivatives_of_the_engine) {
   for (std::size_t k = 0; k < 2; ++k) EXPECT_NEAR(gradient[k], expected[k], 1e-12 * std::abs(expected[k]));
 }
 
+TEST_F(EngineCompiledTest, names_the_mesh_that_was_asked_for) {
+  const v1::SystemInfo system = prepare(sheet_setup(register_mesh(mesh, "first.obj").id()));
+  const auto name_in = [](BasisRecords& records) {
+    const std::string bytes = bytes_of(records);
+    return compiled::read_content(std::as_bytes(std::span(bytes))).mesh;
+  };
+  v1::GetBasisRequest request;
+  request.set_system_id(system.id());
+  for (const std::string name : {"", "copy.obj", "a"}) {
+    request.set_mesh(name);
+    Waiter<Records> waiter;
+    engine->get_basis(request, {}, waiter.callback());
+    EXPECT_EQ(name_in(*waiter.value()), name.empty() ? "first.obj" : name);
+  }
+  request.set_mesh(std::string(4097, 'x'));
+  expect_error(ErrorCode::invalid_argument, {"mesh", "4097", "4096"}, [&] { engine->get_basis(request, {}, [](auto) {}); });
+}
+
 TEST_F(EngineCompiledTest, what_it_holds_is_charged_until_it_is_let_go) {
   const v1::SystemInfo system = prepare(sheet_setup(register_mesh(mesh).id()));
   const std::size_t before = engine->info().memory_in_use();

@@ -6,6 +6,7 @@
 
 #include <algorithm>
 
+#include "core/base/vectors.h"
 #include "proto/convert/setup.h"
 #include "tests/server/engine_fixture.h"
 #include "tests/support/expect_error.h"
@@ -480,6 +481,24 @@ TEST_F(EngineTest, info_tells_the_limits_and_the_load) {
   EXPECT_EQ(info.geometries(), 1u);
   EXPECT_EQ(info.setups(), 1u);
   EXPECT_GT(info.resident_set_bytes(), 0u);
+}
+
+TEST_F(EngineTest, bodies_that_nothing_holds_are_noted) {
+  Mesh two = mesh;
+  const auto first = static_cast<PointId>(two.point_count());
+  for (const Vec3& x : mesh.points) two.points.push_back(x + Vec3{0, 0, 7});
+  two.face_sizes.insert(two.face_sizes.end(), mesh.face_sizes.begin(), mesh.face_sizes.end());
+  for (const PointId point : mesh.face_points) two.face_points.push_back(first + point);
+  const v1::Setup setup = sheet_setup(register_mesh(two).id());
+  const std::string start = "A body of " + std::to_string(mesh.point_count()) + " points around (";
+  const auto noted = [&](const auto& notes) {
+    return std::any_of(notes.begin(), notes.end(), [&](const std::string& note) { return note.starts_with(start); });
+  };
+  v1::EstimateRequest request;
+  *request.mutable_setup() = setup;
+  EXPECT_TRUE(noted(engine->estimate(request, {}).notes()));
+  EXPECT_TRUE(noted(prepare(setup).notes()));
+  EXPECT_FALSE(noted(system.notes()));
 }
 
 TEST_F(EngineTest, a_half_model_keeps_its_plane) {

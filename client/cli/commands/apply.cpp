@@ -174,7 +174,9 @@ Applied apply_by_server(const ApplyOptions& options, const CommonOptions& common
   request.set_path(evaluation_path(options.path));
   options.cells.set(request);
   *request.add_designs() = options.design.design(prepared);
+  progress.wait(options.cells.split == "off" ? "deform" : "deform in steps");
   const auto outcome = connection.client().deform(request, connection.call());
+  progress.clear();
   const auto& design = outcome.designs.at(0);
   const auto before_write = std::chrono::steady_clock::now();
   Applied applied;

@@ -18,7 +18,6 @@
 #include "client/cli/sweep/durable_file.h"
 #include "core/base/text.h"
 #include "core/compiled/reader.h"
-#include "core/compiled/records.h"
 #include "core/io/mesh_file.h"
 
 namespace deform::cli {
@@ -154,21 +153,15 @@ ExitCode run_compile(const CompileOptions& options, const CommonOptions& common)
   keep_inputs("--output", options.output, {loaded.source_path});
   check_compilable(loaded.setup);
   const PreparedSetup prepared = prepare_loaded(connection, std::move(loaded), progress, client::SetupInInfo::omit);
-  std::optional<Partial> partial(std::in_place, options.output);
-  connection.client().get_basis(
-      prepared.system.id(), [&](std::span<const std::byte> records) { partial->append(records); }, connection.call());
-  compiled::Content content = compiled::read_content(partial->path());
-  // The server knows the name under which these points were registered first, perhaps of another file.
+  Partial partial(options.output);
+  v1::GetBasisRequest request;
+  request.set_system_id(prepared.system.id());
   const std::filesystem::path& path = prepared.source_path;
-  const std::string mesh = (path.has_filename() ? path : path.parent_path()).filename().string();
-  if (!mesh.empty() && mesh != content.mesh) {
-    const std::string bytes = io::read_file(partial->path());
-    const auto renamed = compiled::with_mesh_name(std::as_bytes(std::span(bytes)), mesh);
-    partial.emplace(options.output);
-    partial->append(renamed);
-    content = compiled::read_content(renamed);
-  }
-  partial->complete(options.output);
+  request.set_mesh((path.has_filename() ? path : path.parent_path()).filename().string());
+  connection.client().get_basis(
+      request, [&](std::span<const std::byte> records) { partial.append(records); }, connection.call());
+  const compiled::Content content = compiled::read_content(partial.path());
+  partial.complete(options.output);
   const std::uint64_t size = std::filesystem::file_size(options.output);
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   if (common.style() == Style::json) {

@@ -55,11 +55,11 @@ struct SweepReport {
   std::uint64_t bytes_received = 0;
   double max_error = 0;
   double seconds = 0;
-  std::map<std::string, std::string> failed;            ///< designs without a result, and why
-  std::map<std::string, std::string> discarded;         ///< bad ones that were not written
-  std::map<std::string, std::vector<std::string>> bad;  ///< why
-  std::map<std::string, std::vector<std::string>> doubtful;
-  std::map<std::string, std::vector<std::string>> gate;  ///< gates that failed
+  std::map<std::string, std::string> failed;                 ///< designs without a result, and why
+  std::map<std::string, std::string> discarded;              ///< bad ones that were not written
+  std::map<std::string, std::vector<std::string>> bad;       ///< why
+  std::map<std::string, std::vector<std::string>> doubtful;  ///< and of bad ones, what would have made them so
+  std::map<std::string, std::vector<std::string>> gate;      ///< gates that failed
   std::map<std::string, std::vector<std::string>> warnings;
   std::map<std::string, double> inverted;  ///< designs with inverted cells, and their safe amplitudes
   std::map<std::string, double> partial;   ///< written ones whose split did not arrive, and how much of the motion they made
@@ -83,7 +83,7 @@ struct SweepReport {
 ResultVerdicts verdicts_of(const v1::DesignResult& result, const DesignGates& gates) {
   ResultVerdicts verdicts;
   verdicts.reasons = bad_reasons(result);
-  if (result.verdict() == v1::VERDICT_DOUBTFUL) verdicts.doubts = {result.reasons().begin(), result.reasons().end()};
+  verdicts.doubts = doubts(result);
   verdicts.warnings = warnings_of(result);
   if (has_inverted_cells(result)) verdicts.safe_amplitude = result.cells().safe_amplitude();
   verdicts.reached = fraction_reached(result);
@@ -169,6 +169,7 @@ class Sweep {
   }
 
   void work(Progress& progress) {
+    progress.count("sweep", report_.skipped, report_.skipped + todo_.size());
     std::vector<std::thread> threads;
     const auto batches = (todo_.size() + batch_ - 1) / batch_;
     const auto count = std::min<std::size_t>(static_cast<std::size_t>(options_.parallel), batches);

@@ -14,6 +14,7 @@ namespace {
 
 std::vector<std::string> all_notes(const Applied& applied) {
   std::vector<std::string> notes = applied.notes;
+  notes.insert(notes.end(), applied.result.notes().begin(), applied.result.notes().end());
   notes.insert(notes.end(), applied.summary.notes().begin(), applied.summary.notes().end());
   return notes;
 }
@@ -31,7 +32,9 @@ void print_verdict(const v1::DesignResult& result, std::ostream& out) {
   if (result.verdict() == v1::VERDICT_UNKNOWN) return;
   out << "  estimated error " << number_text(result.estimated_error()) << " (" << number_text(result.relative_error())
       << " of the largest displacement): " << verdict_name(result.verdict()) << '\n';
-  for (const auto& reason : result.reasons()) out << "    " << printable(reason) << '\n';
+  const bool bad = result.verdict() == v1::VERDICT_BAD;
+  for (const auto& reason : bad_reasons(result)) out << "    " << printable(reason) << '\n';
+  for (const auto& reason : doubts(result)) out << (bad ? "    doubtful besides: " : "    ") << printable(reason) << '\n';
 }
 
 void print_residual(const Applied& applied, std::ostream& out) {

@@ -22,6 +22,7 @@ v1::DesignResult compiled_result(const compiled::Deformation& deformation, const
                                  std::span<const double> variables, const Mesh& mesh, const Points& points, CompiledCheck check) {
   const compiled::Content& content = deformation.content();
   const compiled::Report report = deformation.report(variables);
+  const convert::MethodFacts method = convert::method_facts(setup);
   v1::DesignResult result;
   const Extreme largest = largest_displacement(points, mesh.points);
   result.set_path(v1::PATH_BASIS);
@@ -30,7 +31,7 @@ v1::DesignResult compiled_result(const compiled::Deformation& deformation, const
   result.set_prescribed_displacement(report.prescribed_displacement);
   result.set_estimated_error(report.error);
   if (largest.value > 0) result.set_relative_error(report.error / largest.value);
-  if (const auto warning = displacement_warning(largest, report.prescribed_displacement, content.diagonal)) {
+  if (const auto warning = displacement_warning(largest, report.prescribed_displacement, content.diagonal, method.overshoot)) {
     result.add_warnings(*warning);
   }
   const bool looked_at = check == CompiledCheck::inversions;
@@ -49,7 +50,7 @@ v1::DesignResult compiled_result(const compiled::Deformation& deformation, const
   }
   const double misfit =
       directly_manipulates(setup) ? deformation.largest_misfit(variables, std::span(points[0].data(), 3 * points.size())) : 0;
-  convert::set_verdict({content.diagonal, content.condition, report.converged, 0, misfit}, result);
+  convert::set_verdict({content.diagonal, content.condition, report.converged, 0, misfit, method}, result);
   return result;
 }
 

@@ -140,9 +140,25 @@ std::optional<double> design_measure(const std::string& name, const v1::DesignRe
   return find_measure(name, "").of(result);
 }
 
+namespace {
+
+/// How many reasons are for the verdict: all of a server that does not say.
+int reasons_of_verdict(const v1::DesignResult& result) {
+  const auto told = result.reasons_of_verdict();
+  return told > 0 ? static_cast<int>(std::min<std::uint32_t>(told, static_cast<std::uint32_t>(result.reasons_size())))
+                  : result.reasons_size();
+}
+
+}  // namespace
+
 std::vector<std::string> bad_reasons(const v1::DesignResult& result) {
   if (result.verdict() != v1::VERDICT_BAD) return {};
-  return {result.reasons().begin(), result.reasons().end()};
+  return {result.reasons().begin(), result.reasons().begin() + reasons_of_verdict(result)};
+}
+
+std::vector<std::string> doubts(const v1::DesignResult& result) {
+  if (result.verdict() == v1::VERDICT_DOUBTFUL) return {result.reasons().begin(), result.reasons().end()};
+  return {result.reasons().begin() + reasons_of_verdict(result), result.reasons().end()};
 }
 
 std::string verdict_name(v1::Verdict verdict) {

@@ -62,8 +62,11 @@ std::vector<std::string> design_measures();
 /// A measure of a design: nothing where it was not measured. Throws Error(invalid_argument) for names that are none.
 std::optional<double> design_measure(const std::string& name, const v1::DesignResult& result);
 
-/// Why the server calls a design bad, the worst first; empty when it does not. Bad designs are not written unless asked for.
+/// Why the server calls a design bad; empty when it does not. Bad designs are not written unless asked for.
 std::vector<std::string> bad_reasons(const v1::DesignResult& result);
+
+/// Why a design is doubtful, or would be if it were not bad: those reasons that did not make it bad.
+std::vector<std::string> doubts(const v1::DesignResult& result);
 
 /// "good", "doubtful", "bad"; "unknown" from a server that does not say.
 std::string verdict_name(v1::Verdict verdict);

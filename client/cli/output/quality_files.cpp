@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/base/error.h"
+#include "core/base/small_file.h"
 #include "core/base/vectors.h"
 #include "core/base/version.h"
 #include "core/io/vtk_output.h"
@@ -54,7 +55,7 @@ std::vector<PictureField> fields_of(const Comparison& comparison) {
 std::vector<QualityPage::Constraint> constraints_of(const std::string& path) {
   const auto refuse = [&](const std::string& why) { throw Error(ErrorCode::invalid_argument, "--result " + path + ": " + why); };
   std::ifstream file(path);
-  if (!file) throw Error(ErrorCode::not_found, "--result " + path + ": cannot be read");
+  if (!file) throw Error(ErrorCode::not_found, "--result " + path + ": cannot be read: " + why_unreadable(path));
   const auto json = nlohmann::json::parse(file, nullptr, false);
   const nlohmann::json::json_pointer place("/report/constraints/residuals");
   if (json.is_discarded()) refuse("is not JSON");

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "core/base/error.h"
+#include "core/base/small_file.h"
 
 namespace deform::cli {
 
@@ -52,7 +53,7 @@ PointTable::PointTable(const std::filesystem::path& input, const std::filesystem
       partial_(output.string() + ".partial"),
       csv_(lower_extension(input) == ".csv"),
       in_(input, std::ios::binary) {
-  if (!in_) throw Error(ErrorCode::not_found, input.string() + ": cannot be opened");
+  if (!in_) throw Error(ErrorCode::not_found, input.string() + ": cannot be opened: " + why_unreadable(input));
   out_.open(partial_, std::ios::binary | std::ios::trunc);
   if (!out_) throw Error(ErrorCode::failed_precondition, partial_.string() + ": cannot be written");
   try {

@@ -18,7 +18,7 @@ struct ResultVerdicts {
   std::vector<std::string> reasons;          ///< why it is bad, a sentence each; empty: it is not
   std::optional<double> safe_amplitude;      ///< of a result with inverted cells
   std::map<std::string, std::string> gates;  ///< conditions that were looked at, and how they failed; empty: they did not
-  std::vector<std::string> doubts = {};      ///< why it is doubtful, a sentence each
+  std::vector<std::string> doubts = {};      ///< why it is doubtful, or would be if it were not bad, a sentence each
   std::vector<std::string> warnings = {};    ///< what is striking about it, a sentence each
   /// How much of the motion it has made where a split did not arrive: final, but not the design that was asked for.
   std::optional<double> reached = {};

@@ -22,6 +22,7 @@
 #include "client/python/binding/arrays.h"
 #include "client/python/binding/calls.h"
 #include "core/base/error.h"
+#include "core/base/small_file.h"
 #include "core/base/vectors.h"
 #include "core/compiled/deformation.h"
 #include "core/compiled/reader.h"
@@ -67,10 +68,10 @@ py::bytes python_bytes(std::span<const std::byte> bytes) { return {reinterpret_c
 
 std::shared_ptr<Compiled> load(const std::filesystem::path& path) {
   const py::gil_scoped_release release;
-  std::ifstream file(path, std::ios::binary | std::ios::ate);
-  if (!file || std::filesystem::is_directory(path)) {
-    throw Error(ErrorCode::not_found, path.string() + ": cannot be read");
+  if (const std::string why = why_unreadable(path); !why.empty()) {
+    throw Error(ErrorCode::not_found, path.string() + ": cannot be read: " + why);
   }
+  std::ifstream file(path, std::ios::binary | std::ios::ate);
   Bytes bytes(static_cast<std::size_t>(file.tellg()));
   file.seekg(0).read(reinterpret_cast<char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
   if (!file) throw Error(ErrorCode::data_loss, path.string() + ": cannot be read");
@@ -88,11 +89,15 @@ std::shared_ptr<Compiled> parse(const py::bytes& bytes) {
   return std::make_shared<Compiled>(Bytes(begin, begin + view.size()));
 }
 
-std::shared_ptr<Compiled> compile(client::Client& client, const std::string& system, const CallLimits& limits) {
+std::shared_ptr<Compiled> compile(client::Client& client, const std::string& system, const std::string& mesh,
+                                  const CallLimits& limits) {
+  v1::GetBasisRequest request;
+  request.set_system_id(system);
+  request.set_mesh(mesh);
   return run_call(limits, [&](const client::CallOptions& call) {
     Bytes bytes;
     client.get_basis(
-        system, [&](std::span<const std::byte> piece) { bytes.insert(bytes.end(), piece.begin(), piece.end()); }, call);
+        request, [&](std::span<const std::byte> piece) { bytes.insert(bytes.end(), piece.begin(), piece.end()); }, call);
     return std::make_shared<Compiled>(std::move(bytes));
   });
 }
@@ -253,7 +258,7 @@ void bind_compiled(py::module_& module) {
            py::arg("threads"))
       .def("vector_jacobian", &pull_back<float>, py::arg("variables"), py::arg("cotangent").noconvert(), py::arg("threads"))
       .def("vector_jacobian", &pull_back<double>, py::arg("variables"), py::arg("cotangent").noconvert(), py::arg("threads"));
-  module.def("compile", &compile, py::arg("client"), py::arg("system"), py::arg("limits"));
+  module.def("compile", &compile, py::arg("client"), py::arg("system"), py::arg("mesh"), py::arg("limits"));
 }
 
 }  // namespace deform::python

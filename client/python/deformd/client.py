@@ -137,7 +137,7 @@ class Client:
         else:
             source, label = mesh_from(mesh, groups), ""
         info = self._native.register(source, label if name is None else name, progress, limits)
-        return Geometry(self, info, source)
+        return Geometry(self, info, source, label if name is None else name)
 
     def geometry(self, id: str, *, timeout: Optional[float] = None) -> Geometry:
         """A geometry by its id or a unique prefix of at least 8 digits. Raises NotFound."""

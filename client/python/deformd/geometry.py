@@ -16,9 +16,10 @@ if TYPE_CHECKING:
 class Geometry:
     """A mesh that the server knows. `Client.register` and `Client.geometry` make it. Any thread may use it."""
 
-    def __init__(self, client: "Client", info: "_deformd.Record", mesh: "Optional[_deformd.Mesh]") -> None:
+    def __init__(self, client: "Client", info: "_deformd.Record", mesh: "Optional[_deformd.Mesh]", name: str = "") -> None:
         self._client = client
         self._mesh = mesh
+        self._name = name  # that of this client, where another has registered the same content by another name before
         self.info = info
         """Counts, box and groups: GeometryInfo of proto/deform/v1/geometry.proto."""
 

@@ -206,6 +206,12 @@ class Population(NamedTuple):
         return np.array([not report.bad for report in self.reports], dtype=bool)
 
 
+def _reasons_of_bad(report: Union[Report, CompiledReport]) -> Sequence[str]:
+    """Those for which it is bad, without those that would have made it doubtful; all of a server that does not tell them apart."""
+    deciding = 0 if isinstance(report, CompiledReport) or report.error is not None else int(getattr(report, "reasons_of_verdict", 0))
+    return report.reasons[:deciding] if deciding > 0 else report.reasons
+
+
 def check_bad(bad: str) -> None:
     """Refuses values of the argument `bad` that there are not."""
     if bad not in ("raise", "warn", "keep"):
@@ -224,7 +230,7 @@ def raise_or_warn(deformation: Union[Deformation, Population], bad: str) -> None
     if not wrong:
         return
     first = next((report.error for _, report in wrong if report.error is not None), None)
-    told = [f"{name}: {'; '.join(report.reasons) or 'the verdict is bad'}" for name, report in wrong[:3]]
+    told = [f"{name}: {'; '.join(_reasons_of_bad(report)) or 'the verdict is bad'}" for name, report in wrong[:3]]
     message = (f"{len(wrong)} bad designs: " if len(wrong) > 1 else "") + ". ".join(told) + (f", and {len(wrong) - 3} more" if len(wrong) > 3 else "")
     if bad == "warn":
         warnings.warn(message, BadDesignWarning, stacklevel=3)

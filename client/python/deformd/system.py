@@ -230,7 +230,8 @@ class System(DesignSpace):
     def local(self, *, timeout: Optional[float] = None, cancel: "Optional[_deformd.Cancel]" = None) -> CompiledDeformation:
         """The compiled deformation of this system, which turns designs into points and derivatives without the server. Raises
         FailedPrecondition, with the reason, where a system has none: with constraints, without a basis or without design variables."""
-        return CompiledDeformation(_deformd.compile(self._client._native, self.id, self._client._limits(timeout, cancel)))
+        name = "" if self._geometry is None else self._geometry._name
+        return CompiledDeformation(_deformd.compile(self._client._native, self.id, name, self._client._limits(timeout, cancel)))
 
     def release(self, *, forget: bool = False) -> None:
         """Gives the memory of the system on the server back; it is restored or prepared again when it is used. forget: deletes the

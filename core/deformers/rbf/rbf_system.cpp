@@ -447,7 +447,11 @@ void RbfSystem::add_notes() {
     info_.notes.push_back("The solver did not reach its tolerance for the handle basis: the largest residual is " +
                           scientific(residual) + ".");
   }
-  if (info_.condition > 1e13) info_.notes.push_back("The system is ill-conditioned: expect a loss of digits.");
+  if (info_.condition > 1e13) {
+    info_.notes.push_back(
+        "The system is ill-conditioned (handle and fixed points nearly coincide): the estimated error of every "
+        "design says how many digits that costs; derivatives lose about as many.");
+  }
   if (!has_basis()) info_.notes.push_back("No handle basis is stored: every design is solved for and summed directly.");
   if (properties(*options_.kernel).has_shape && options_.shape == 0) {
     info_.notes.push_back("The shape is " + number_digits(relative_shape_) + " of the diagonal of the centres (automatic).");

@@ -14,7 +14,9 @@ namespace deform {
 
 /// Estimates the errors of `values` (n x columns), computed from the interpolants of a dense solver at n points: n x columns,
 /// nonnegative. Adds the differences from double-double sums (accurate_residual()), the propagated uncertainty of the
-/// coefficients, and the rounding of the stored coefficients, assumed independent. Throws Error(cancelled), deadline_exceeded.
+/// coefficients, and the rounding of the stored coefficients, assumed independent; of kernels that fall off from each centre also
+/// that of the coordinates, which their slopes multiply where centres are close to each other. Throws Error(cancelled),
+/// deadline_exceeded.
 Eigen::MatrixXd value_errors(const Interpolator& system, const Interpolants& interpolants, std::span<const Vec3> points,
                              const Eigen::MatrixXd& values, const RunContext& context);
 

@@ -125,5 +125,24 @@ TEST(Verdicts, HaveTheReasonsOfTheServer) {
   EXPECT_EQ(cli::verdict_name(result.verdict()), "bad");
 }
 
+// Reasons that would have made a bad design doubtful are not those for which it is bad.
+TEST(Verdicts, TellDoubtsApart) {
+  v1::DesignResult result = good_result();
+  EXPECT_TRUE(cli::doubts(result).empty());
+  result.set_verdict(v1::VERDICT_BAD);
+  for (const char* reason : {"2 of 50 cells are inverted", "2 of 100 faces are flipped", "3 edges are torn"})
+    result.add_reasons(reason);
+  EXPECT_EQ(cli::bad_reasons(result).size(), 3u) << "of a server that does not say which";
+  EXPECT_TRUE(cli::doubts(result).empty());
+  result.set_reasons_of_verdict(1);
+  EXPECT_EQ(cli::bad_reasons(result), std::vector<std::string>{"2 of 50 cells are inverted"});
+  EXPECT_EQ(cli::doubts(result), (std::vector<std::string>{"2 of 100 faces are flipped", "3 edges are torn"}));
+  result.set_reasons_of_verdict(7);
+  EXPECT_EQ(cli::bad_reasons(result).size(), 3u);
+  result.set_verdict(v1::VERDICT_DOUBTFUL);
+  result.set_reasons_of_verdict(3);
+  EXPECT_EQ(cli::doubts(result).size(), 3u);
+}
+
 }  // namespace
 }  // namespace deform

@@ -156,6 +156,25 @@ TEST(Applied, TellsFlippedFacesWorstFirst) {
   EXPECT_EQ(report["flipped"][0], 17);
 }
 
+TEST(Applied, MarksReasonsThatAreNotForTheVerdict) {
+  cli::Applied design = applied();
+  design.result.set_verdict(v1::VERDICT_BAD);
+  design.result.add_reasons("2 of 50 cells are inverted");
+  design.result.add_reasons("2 of 100 faces are flipped");
+  design.result.set_reasons_of_verdict(1);
+  design.result.add_notes("the condition of the system is 3e+13");
+  const std::string text = printed(design);
+  EXPECT_NE(text.find(": bad\n    2 of 50 cells are inverted\n    doubtful besides: 2 of 100 faces are flipped\n"),
+            std::string::npos)
+      << text;
+  EXPECT_NE(text.find("  note: the condition of the system is 3e+13\n"), std::string::npos) << text;
+  EXPECT_EQ(cli::applied_json(design)["report"]["notes"].back(), "the condition of the system is 3e+13");
+  design.result.set_verdict(v1::VERDICT_DOUBTFUL);
+  design.result.set_reasons_of_verdict(2);
+  EXPECT_NE(printed(design).find(": doubtful\n    2 of 50 cells are inverted\n    2 of 100 faces are flipped\n"),
+            std::string::npos);
+}
+
 TEST(Applied, SaysWhyItFailedAndWhetherItWasWritten) {
   cli::Applied design = applied();
   EXPECT_FALSE(cli::applied_json(design).contains("error"));

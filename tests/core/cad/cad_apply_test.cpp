@@ -699,7 +699,9 @@ TEST_F(CadApply, WhatCannotBeDoneIsRefusedAndNothingIsWritten) {
   EXPECT_THAT(refusal(wrong, each(sheared)), HasSubstr("greater than 0"));
   wrong = asked;
   wrong.model = "/nowhere/part.step";
-  EXPECT_THAT(refusal(wrong, each(sheared)), HasSubstr("cannot be opened"));
+  EXPECT_THAT(refusal(wrong, each(sheared)), HasSubstr("the CAD file cannot be opened: No such file or directory"));
+  wrong.model = std::filesystem::temp_directory_path();
+  EXPECT_THAT(refusal(wrong, each(sheared)), HasSubstr("the CAD file cannot be opened: Is a directory"));
 }
 
 TEST(FaceRegion, AgreesWithTheClassifierOfOpenCascade) {

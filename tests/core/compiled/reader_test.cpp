@@ -171,20 +171,11 @@ TEST(CompiledReader, ReadsWhatWasWritten) {
   }
 }
 
-TEST(CompiledReader, TheMeshIsRenamedAsIfItHadBeenWrittenSo) {
-  for (const std::string name : {"", "b.obj", "a name of sixteen.stl", "mesh"}) {
-    test::Blend blend(400, 1);
-    blend.content.mesh = "car.obj";
-    blend.content.notes = {"mesh", "a note"};
-    const std::vector<std::byte> bytes = test::file_of(blend.content);
-    blend.content.mesh = name;
-    EXPECT_EQ(with_mesh_name(bytes, name), test::file_of(blend.content)) << name;
-    EXPECT_EQ(read_content(with_mesh_name(bytes, name)).mesh, name);
-  }
-  const std::vector<std::byte> bytes = test::file_of(test::Blend(400).content);
-  expect_error(ErrorCode::invalid_argument, {"mesh"}, [&] { with_mesh_name(bytes, std::string(70000, 'x')); });
-  const std::span<const std::byte> cut = std::span(bytes).first(bytes.size() / 2);
-  expect_error(ErrorCode::data_loss, {}, [&] { read_content(with_mesh_name(cut, "b.obj")); });
+TEST(CompiledReader, SaysWhyAFileCannotBeOpened) {
+  expect_error(ErrorCode::not_found, {"/nowhere/car.deformation: cannot be read: No such file or directory"},
+               [] { read_content(std::filesystem::path("/nowhere/car.deformation")); });
+  const std::filesystem::path folder = std::filesystem::temp_directory_path();
+  expect_error(ErrorCode::not_found, {"cannot be read: Is a directory"}, [&] { read_content(folder); });
 }
 
 TEST(CompiledReader, LargeArraysAreManyRecords) {

@@ -267,6 +267,36 @@ TEST(Rbf, CancelledBeforeAndDuring) {
   }
 }
 
+// A small square that turns in the middle of a wide one, whose rim stays: what is said where points move farther than
+// prescribed (proto/convert/verdict.h).
+TEST(Rbf, SmoothKernelsOvershootAroundWhatTurnsAndBiharmonicDoesNot) {
+  Mesh mesh = test::bumpy_sheet(81, 41);
+  for (Vec3& x : mesh.points) x = {40 * (x[0] - 1), 80 * (x[1] - 0.5), 0};
+  std::vector<PointId> square, rim;
+  for (std::size_t i = 0; i < mesh.point_count(); ++i) {
+    const Vec3& x = mesh.points[i];
+    if (std::abs(x[0]) < 2.1 && std::abs(x[1]) < 2.1) square.push_back(static_cast<PointId>(i));
+    if (std::abs(x[0]) > 39.9 || std::abs(x[1]) > 39.9) rim.push_back(static_cast<PointId>(i));
+  }
+  const auto ratio = [&](Kernel kernel) {
+    deform::Setup setup;
+    RbfOptions options;
+    options.kernel = kernel;
+    setup.method = options;
+    setup.handles = {{"square", {Region::Ids{square}}}};
+    setup.fixed = {{Region::Ids{rim}}};
+    setup.variables.push_back({"turn", "square", DesignVariable::Rotate{{0, 0, 1}, {0, 0, 0}}});
+    const auto system = prepare(test::shared(mesh), setup);
+    const Design design{{0.1}, {}};
+    const auto evaluation = system->bind({&design, 1}, EvaluationPath::automatic, {});
+    return distance(system->evaluate(design), mesh.points) / evaluation->report(0).prescribed_displacement;
+  };
+  EXPECT_GE(ratio(Kernel::thin_plate), 1.5);
+  EXPECT_GE(ratio(Kernel::triharmonic), 1.5);
+  EXPECT_GE(ratio(Kernel::wendland_c2), 1.5);
+  EXPECT_LE(ratio(Kernel::biharmonic), 1 + 1e-9);
+}
+
 TEST(Rbf, EstimateIsAnUpperBound) {
   const auto mesh = body();
   for (const Solver solver : {Solver::automatic, Solver::ldlt}) {

@@ -37,6 +37,10 @@ TEST(DisplacementWarning, NamesThePointAndTheRatioFromOneAndAHalfOn) {
   const auto warning = displacement_warning({0.29812, 4711}, 0.104506, 1.1);
   ASSERT_TRUE(warning);
   for (const char* part : {"point 4711 moves 0.298,", "2.9 times", "(0.105)", "folded"}) EXPECT_THAT(*warning, HasSubstr(part));
+  EXPECT_NE(displacement_warning({0.29812, 4711}, 0.104506, 1.1)->find("move more of what is around the handles"),
+            std::string::npos);
+  const auto known = displacement_warning({0.29812, 4711}, 0.104506, 1.1, "the kernel does it");
+  EXPECT_TRUE(known->ends_with("stretched there; the kernel does it")) << *known;
   EXPECT_TRUE(displacement_warning({1.5, 0}, 1, 10));
   EXPECT_FALSE(displacement_warning({1.4999, 0}, 1, 10));
 }

@@ -51,7 +51,7 @@ def _checked(place: str, name: str, value: Any, base: pathlib.Path) -> Any:
     elif name in ("groups", "at"):
         names = [value] if isinstance(value, str) else value
         if not isinstance(names, list) or not names or not all(isinstance(each, str) for each in names):
-            raise InvalidArgument(f"{place}: {value!r}, expected the name of a group of faces, or a list of names")
+            raise InvalidArgument(f"{place}: {value!r}, expected the name of a group of faces, or a list of names{quotes_advice(names)}")
         return names
     elif name == "direction":
         return measures.axis_vector(place, value)
@@ -67,6 +67,15 @@ def _checked(place: str, name: str, value: Any, base: pathlib.Path) -> Any:
     elif isinstance(value, bool) or not isinstance(value, (int, float)):
         raise InvalidArgument(f"{place}: {value!r}, expected a number")
     return value
+
+
+def quotes_advice(names: Any) -> str:
+    """For messages: what to do where YAML has taken names for something else, `no` for a boolean or `12` for a number."""
+    wrong = [each for each in (names if isinstance(names, list) else [names]) if isinstance(each, (bool, int, float))]
+    if not wrong:
+        return ""
+    read = "YAML reads on, off, yes and no as booleans" if isinstance(wrong[0], bool) else "YAML reads it as a number"
+    return f"; {read}: put a name like that in quotes"
 
 
 def files_of(checked: Mapping[str, Dict[str, Any]]) -> Dict[str, str]:

@@ -8,7 +8,7 @@ from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple, Union
 
 from ..errors import InvalidArgument, NotFound
 from .libraries import needing_libraries
-from .measures import MEASURES, checked_measure, files_of, names_of
+from .measures import MEASURES, checked_measure, files_of, names_of, quotes_advice
 
 DOES = ("sobol", "latin_hypercube", "halton", "factorial", "table")
 OPTIMIZERS = ("cma", "nsga2", "scipy", "nlopt")
@@ -165,7 +165,7 @@ def _place(value: Any) -> Tuple[str, Any]:
 def _names(key: str, value: Any) -> List[str]:
     names = [value] if isinstance(value, str) else value
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-        raise InvalidArgument(f"{key}: {value!r}, expected the name of a measured value, or a list of names")
+        raise InvalidArgument(f"{key}: {value!r}, expected the name of a measured value, or a list of names{quotes_advice(names)}")
     return names
 
 
@@ -217,6 +217,8 @@ def _measures(base: pathlib.Path, value: Any) -> Dict[str, Dict[str, Any]]:
     given: Dict[str, str] = {}
     for name, measure in value.items():
         what = f"evaluate.measures.{name}"
+        if not isinstance(name, str):
+            raise InvalidArgument(f"{what}: expected a name{quotes_advice(name)}")
         kind, options = _single(what, measure, MEASURES)
         checked[str(name)] = checked_measure(what, kind, options, base)
         for each in names_of(str(name), kind):
