@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/deformers/handles/compressed_fields.h"
 
+#include <hwy/cache_control.h>
+
 #include <algorithm>
 #include <cmath>
 
@@ -158,8 +160,32 @@ void CompressedSums::add_tile(std::size_t tile, std::span<const Vec3> places, st
     return;
   }
   if (block_ != block_number) enter(block_number);
+  ask_for_next(inside);
+  const double* const B = coefficients_.data() + first;
+  if (count == 3) {  // of one design: what is decoded is used once
+    double affine[affine_terms * tile_size];
+    block.affine_rows(places, affine);
+    tile_product(affine, affine_terms, B, columns_, count, out);
+    add_coded_products(block.codes.data() + inside * block.tile_bytes, block.bits, B + affine_terms * columns_, columns_, out);
+    return;
+  }
   fill_rows(block, inside, places, values_);
-  tile_product(values_.data(), affine_terms + block.columns(), coefficients_.data() + first, columns_, count, out);
+  tile_product(values_.data(), affine_terms + block.columns(), B, columns_, count, out);
+}
+
+void CompressedSums::ask_for_next(std::size_t inside) const {
+  if (block_ + 1 >= fields_.blocks_.size()) return;
+  const auto ask = [&](const auto& array) {
+    constexpr std::size_t line = 64;  // bytes
+    const auto* const from = reinterpret_cast<const std::byte*>(array.data());
+    const std::size_t bytes = array.size() * sizeof(array[0]), share = (bytes + FieldBlock::tiles - 1) / FieldBlock::tiles;
+    for (std::size_t i = inside * share; i < std::min(bytes, (inside + 1) * share); i += line) hwy::Prefetch(from + i);
+  };
+  const FieldBlock& next = fields_.blocks_[block_ + 1];
+  ask(next.directions);
+  ask(next.affine);
+  ask(next.steps);
+  ask(next.offsets);
 }
 
 }  // namespace deform
