@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/deformers/handles/compressed_fields.h"
 
-#include <hwy/cache_control.h>
-
 #include <algorithm>
 #include <cmath>
 
@@ -175,12 +173,7 @@ void CompressedSums::add_tile(std::size_t tile, std::span<const Vec3> places, st
 
 void CompressedSums::ask_for_next(std::size_t inside) const {
   if (block_ + 1 >= fields_.blocks_.size()) return;
-  const auto ask = [&](const auto& array) {
-    constexpr std::size_t line = 64;  // bytes
-    const auto* const from = reinterpret_cast<const std::byte*>(array.data());
-    const std::size_t bytes = array.size() * sizeof(array[0]), share = (bytes + FieldBlock::tiles - 1) / FieldBlock::tiles;
-    for (std::size_t i = inside * share; i < std::min(bytes, (inside + 1) * share); i += line) hwy::Prefetch(from + i);
-  };
+  const auto ask = [&](const auto& array) { prefetch_share(std::as_bytes(std::span(array)), inside, FieldBlock::tiles); };
   const FieldBlock& next = fields_.blocks_[block_ + 1];
   ask(next.directions);
   ask(next.affine);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/numerics/kernels/coded_tiles.h"
 
+#include <algorithm>
 #include <bit>
 #include <cstring>
 
@@ -10,6 +11,7 @@
 #define HWY_TARGET_INCLUDE "core/numerics/kernels/coded_tiles.cpp"
 #include <hwy/foreach_target.h>  // must come before highway.h
 
+#include <hwy/cache_control.h>
 #include <hwy/highway.h>
 
 HWY_BEFORE_NAMESPACE();
@@ -193,6 +195,12 @@ void decode_columns(const std::uint8_t* codes, std::span<const std::uint8_t> bit
 void add_coded_products(const std::uint8_t* codes, std::span<const std::uint8_t> bits, const double* B, std::size_t ldb,
                         double* out) {
   HWY_DYNAMIC_DISPATCH(sum_three)(codes, bits.data(), bits.size(), B, ldb, out);
+}
+
+void prefetch_share(std::span<const std::byte> array, std::size_t part, std::size_t parts) {
+  constexpr std::size_t line = 64;  // bytes
+  const std::size_t share = (array.size() + parts - 1) / parts, end = std::min(array.size(), (part + 1) * share);
+  for (std::size_t i = part * share; i < end; i += line) hwy::Prefetch(array.data() + i);
 }
 
 void add_weighted_rows(const float* A, std::size_t stride, std::span<const std::uint32_t> rows, const double* B, std::size_t ldb,
