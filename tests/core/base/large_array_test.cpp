@@ -1,4 +1,4 @@
-// SPDX-License-Identifier: Apache-2.0
+// SPDX-License-Identifier: GPL-3.0-or-later
 // Memory of large arrays: where it begins, and what it is asked for in.
 #include "core/base/large_array.h"
 
@@ -44,7 +44,7 @@ std::string flags_at(std::uintptr_t address) {
 
 TEST(LargeArray, LargeOnesAskForHugePages) {
   if (!std::ifstream("/sys/kernel/mm/transparent_hugepage/enabled")) return;  // this kernel has none
-  const LargeArray<double> large(std::size_t{3} << 20), small(1000);  // 24 MiB
+  const LargeArray<double> large(std::size_t{3} << 20), small(1000);          // 24 MiB
   const std::string flags = flags_at(begin_of(large));
   if (flags.empty()) return;  // this kernel does not tell
   EXPECT_NE(flags.find(" hg"), std::string::npos) << flags;
