@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // What a user of the service sees, measured with a deformd process on loopback and clients in this one.
-//   service_bench [--quick]
+//   service_bench [--quick | --eviction]
 // Prints Markdown tables; exit code 1 when a figure misses its limit. Figures need an otherwise idle machine.
 #include <CLI/App.hpp>
 #include <CLI/Config.hpp>
@@ -18,6 +18,7 @@
 #include <nlohmann/json.hpp>
 #include <thread>
 
+#include "client/admin.h"
 #include "client/client.h"
 #include "tests/bench/bench_case.h"
 #include "tests/bench/report.h"
@@ -42,6 +43,7 @@ struct Options {
   int load_designs = 400;
   int memory_designs = 10'000;
   bool quick = false;
+  bool only_eviction = false;
 };
 
 void shrink(Options& options) {
@@ -331,6 +333,36 @@ void flat_memory(const ServerProcess& server, const Prepared& prepared, const Op
                  100 * (after - before) / before, 2, " %");
 }
 
+/// Of what the process grew by for a system, the share that is still resident when the system was evicted. A first system is
+/// evicted before that: buffers of libraries, and the mesh, are there from then on.
+void memory_after_eviction(client::Client& client, const ServerProcess& server, const Options& options, Report& report) {
+  const CaseSize size = options.large;
+  client::Admin admin(client);
+  const auto settled = [&] {  // the server looks at its memory once a second
+    std::this_thread::sleep_for(std::chrono::seconds(options.quick ? 1 : 4));
+    return server.resident_bytes();
+  };
+  const double start = server.resident_bytes();
+  prepare(client, size);
+  const double first = server.resident_bytes();
+  admin.evict_all();
+  const double before = settled();
+  std::vector<double> shares;
+  double taken = 0;
+  for (int repeat = 0; repeat < 3; ++repeat) {
+    prepare(client, size);
+    const double full = server.resident_bytes();
+    admin.evict_all();
+    taken = full - before;
+    shares.push_back((settled() - before) / taken);
+  }
+  const auto mebi = [](double bytes) { return Report::text(bytes / (1 << 20)); };
+  report.info("resident set of deformd: before, with the first system, after its eviction",
+              mebi(start) + ", " + mebi(first) + ", " + mebi(before) + " MiB");
+  report.info("growth by a prepared system, n = " + std::to_string(size.points), mebi(taken) + " MiB");
+  report.at_most("of that, still resident after it was evicted (median of 3)", 100 * percentile(shares, 0.5), 10, " %");
+}
+
 int run(const Options& options) {
   std::filesystem::remove_all(options.folder);
   std::filesystem::create_directories(options.folder);
@@ -340,12 +372,18 @@ int run(const Options& options) {
   client::Client client(settings);
 
   Report report("The service, " + std::to_string(std::thread::hardware_concurrency()) + " cores");
+  if (options.only_eviction) {
+    memory_after_eviction(client, server, options, report);
+    return report.missed();
+  }
   const Prepared small = prepare(client, options.small);
   against_scipy(client, small, options, report);
   many_clients(server, small, options, report);
   flat_memory(server, small, options, report);
   const Prepared large = prepare(client, options.large);
   large_populations(client, server, large, options, report);
+  report.open();
+  memory_after_eviction(client, server, options, report);
   return options.quick ? 0 : report.missed();
 }
 
@@ -361,6 +399,7 @@ int main(int argc, char** argv) {
   app.add_option("--folder", options.folder, "Folder to work in; emptied first")->capture_default_str();
   bool quick = false;
   app.add_flag("--quick", quick, "Small meshes and few designs: shows that it works, the figures mean nothing");
+  app.add_flag("--eviction", options.only_eviction, "Only what is left of the memory of a system that was evicted");
   CLI11_PARSE(app, argc, argv);
   if (quick) shrink(options);
   try {

@@ -158,8 +158,27 @@ void CompressedSums::add_tile(std::size_t tile, std::span<const Vec3> places, st
     return;
   }
   if (block_ != block_number) enter(block_number);
+  ask_for_next(inside);
+  const double* const B = coefficients_.data() + first;
+  if (count == 3) {  // of one design: what is decoded is used once
+    double affine[affine_terms * tile_size];
+    block.affine_rows(places, affine);
+    tile_product(affine, affine_terms, B, columns_, count, out);
+    add_coded_products(block.codes.data() + inside * block.tile_bytes, block.bits, B + affine_terms * columns_, columns_, out);
+    return;
+  }
   fill_rows(block, inside, places, values_);
-  tile_product(values_.data(), affine_terms + block.columns(), coefficients_.data() + first, columns_, count, out);
+  tile_product(values_.data(), affine_terms + block.columns(), B, columns_, count, out);
+}
+
+void CompressedSums::ask_for_next(std::size_t inside) const {
+  if (block_ + 1 >= fields_.blocks_.size()) return;
+  const auto ask = [&](const auto& array) { prefetch_share(std::as_bytes(std::span(array)), inside, FieldBlock::tiles); };
+  const FieldBlock& next = fields_.blocks_[block_ + 1];
+  ask(next.directions);
+  ask(next.affine);
+  ask(next.steps);
+  ask(next.offsets);
 }
 
 }  // namespace deform

@@ -65,6 +65,8 @@ class CompressedSums {
 
  private:
   void enter(std::size_t block);
+  /// Prefetches a share of what enter() will read of the next block, at a tile of the current one.
+  void ask_for_next(std::size_t tile) const;
 
   const CompressedFields& fields_;
   const std::span<const std::uint32_t> rows_;

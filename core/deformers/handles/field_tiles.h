@@ -5,6 +5,7 @@
 #include <span>
 #include <vector>
 
+#include "core/base/large_array.h"
 #include "core/base/run_context.h"
 #include "core/base/types.h"
 #include "core/numerics/kernels/tiles.h"
@@ -35,7 +36,7 @@ class FieldTiles {
 
  private:
   std::size_t points_, fields_;
-  std::vector<double> values_;
+  LargeArray<double> values_;
 };
 
 }  // namespace deform

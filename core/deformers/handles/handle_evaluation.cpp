@@ -243,6 +243,11 @@ std::size_t position(const std::vector<PointId>& ids, std::size_t id) {
   return static_cast<std::size_t>(std::lower_bound(ids.begin(), ids.end(), static_cast<std::uint64_t>(id)) - ids.begin());
 }
 
+/// Whether a tile's ids from a position on follow one another.
+bool is_run(const std::vector<PointId>& ids, std::size_t from) {
+  return from + tile_size <= ids.size() && ids[from + tile_size - 1] == ids[from] + (tile_size - 1);
+}
+
 }  // namespace
 
 /// The points between those that follow.
@@ -250,14 +255,17 @@ void HandleEvaluation::evaluate_prescribed(std::size_t begin, std::size_t end, s
                                            std::span<Vec3* const> out) const {
   const std::vector<PointId>& ids = system_->following();
   std::size_t next = position(ids, begin);
-  for (std::size_t i = begin; i < end; ++i) {
+  for (std::size_t i = begin; i < end;) {
     if (next < ids.size() && ids[next] == i) {
-      ++next;
+      const std::size_t run = is_run(ids, next) ? tile_size : 1;
+      next += run;
+      i += run;
       continue;
     }
     for (std::size_t k = 0; k < out.size(); ++k) {
       out[k][i - begin] = held_.place(designs_[first + k], static_cast<PointId>(i), kind_);
     }
+    ++i;
   }
 }
 
@@ -268,7 +276,9 @@ struct HandleEvaluation::Pass {
   std::vector<double> values;          ///< of a tile: [design][component][16]
   std::vector<double> part;            ///< the same of one basis, with symmetry planes
   std::size_t low = 0, high = 0;       ///< the tile's points among those that follow
-  std::array<Vec3, tile_size> x{};     ///< their places, model units
+  const Vec3* places = nullptr;        ///< of these points, model units
+  bool run = false;                    ///< whether their ids are those of a whole tile and follow one another
+  std::array<Vec3, tile_size> x{};     ///< the places where they do not
   std::array<Vec3, tile_size> unit{};  ///< the same in unit coordinates, for compressed bases
 };
 
@@ -285,12 +295,8 @@ void HandleEvaluation::fill_tile(std::size_t tile, std::size_t first, std::size_
       return pass.sums[b].add_tile(tile, places, width * (slot_[first] - pass.first_slot), width * count, to);
     }
     const double* coefficients = coefficients_[b].data() + width * slot_[first];
-    const std::size_t ldb = width * basis_designs_, columns = width * count;
-    if (moving_fields_[b].size() == basis.tiles.fields()) {
-      tile_product(basis.tiles.tile(tile), basis.tiles.fields(), coefficients, ldb, columns, to);
-    } else {
-      tile_product(basis.tiles.tile(tile), basis.tiles.fields(), moving_fields_[b], coefficients, ldb, columns, to);
-    }
+    tile_product(basis.tiles.tile(tile), basis.tiles.fields(), moving_fields_[b], coefficients, width * basis_designs_,
+                 width * count, to);
   };
   if (system_->regions_.symmetry.empty()) return product(0, pass.values.data());
   pass.part.resize(3 * count * tile_size);
@@ -307,13 +313,18 @@ void HandleEvaluation::place_tile(std::size_t low, std::size_t high, std::size_t
   const std::vector<PointId>& ids = system_->following();
   const Symmetry& symmetry = system_->regions_.symmetry;
   const double keep = kind_ == MotionKind::position ? 1.0 : 0.0;
+  const bool whole = pass.run && high - low == tile_size && symmetry.empty();
   for (std::size_t k = 0; k < out.size(); ++k) {
     const double* const values = pass.values.data() + 3 * k * tile_size;
+    if (whole) {
+      tile_positions(pass.places, keep, values, out[k] + (ids[low] - begin));
+      continue;
+    }
     for (std::size_t s = low; s < high; ++s) {
       const std::size_t i = s - pass.low;
       Vec3 u{values[i], values[tile_size + i], values[2 * tile_size + i]};
       if (!symmetry.empty()) u = symmetry.from_frame(system_->components(u, ids[s]));
-      const Vec3& x = pass.x[i];
+      const Vec3& x = pass.places[i];
       out[k][ids[s] - begin] = {keep * x[0] + u[0], keep * x[1] + u[1], keep * x[2] + u[2]};
     }
   }
@@ -324,6 +335,7 @@ void HandleEvaluation::evaluate_following(std::size_t begin, std::size_t end, st
   const std::vector<PointId>& ids = system_->following();
   const std::size_t low = position(ids, begin), high = position(ids, end);
   if (low == high || out.empty()) return;
+  const Points& rest = system_->mesh_->points;
   Pass pass;
   pass.values.resize(3 * out.size() * tile_size);
   const bool compressed = system_->has_basis() && system_->basis_.front().compressed;
@@ -331,8 +343,10 @@ void HandleEvaluation::evaluate_following(std::size_t begin, std::size_t end, st
   for (std::size_t t = low / tile_size; t * tile_size < high; ++t) {
     pass.low = t * tile_size;
     pass.high = std::min(ids.size(), pass.low + tile_size);
-    for (std::size_t s = pass.low; s < pass.high; ++s) pass.x[s - pass.low] = system_->mesh_->points[ids[s]];
-    for (std::size_t i = 0; i < pass.high - pass.low && compressed; ++i) pass.unit[i] = system_->box_.to_unit(pass.x[i]);
+    pass.run = is_run(ids, pass.low);
+    pass.places = pass.run ? &rest[ids[pass.low]] : pass.x.data();
+    for (std::size_t s = pass.low; s < pass.high && !pass.run; ++s) pass.x[s - pass.low] = rest[ids[s]];
+    for (std::size_t i = 0; i < pass.high - pass.low && compressed; ++i) pass.unit[i] = system_->box_.to_unit(pass.places[i]);
     // Runs of designs on one path share a pass over the tile.
     for (std::size_t k = 0; k < out.size();) {
       std::size_t last = k + 1;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/numerics/kernels/coded_tiles.h"
 
+#include <algorithm>
 #include <bit>
 #include <cstring>
 
@@ -10,6 +11,7 @@
 #define HWY_TARGET_INCLUDE "core/numerics/kernels/coded_tiles.cpp"
 #include <hwy/foreach_target.h>  // must come before highway.h
 
+#include <hwy/cache_control.h>
 #include <hwy/highway.h>
 
 HWY_BEFORE_NAMESPACE();
@@ -25,12 +27,11 @@ constexpr std::size_t lanes = HWY_MIN(HWY_LANES(double), 8);
 constexpr std::size_t half = tile_size / 2;
 
 HWY_INLINE hn::Vec<Codes> widened(const std::uint8_t* from) { return hn::PromoteTo(Codes(), hn::LoadU(Bytes(), from)); }
-HWY_INLINE void store_doubles(hn::Vec<Codes> codes, double* out) {
-  hn::StoreU(hn::PromoteTo(D(), hn::BitCast(Signed(), codes)), D(), out);
-}
+HWY_INLINE hn::Vec<D> doubles(hn::Vec<Codes> codes) { return hn::PromoteTo(D(), hn::BitCast(Signed(), codes)); }
 
-template <bool Nibbles, bool OneByte, bool TwoBytes>
-HWY_INLINE void column(const std::uint8_t* HWY_RESTRICT from, double* HWY_RESTRICT out) {
+/// Gives the numbers of a column to `take`, a vector after the other: take.at(first point, numbers).
+template <bool Nibbles, bool OneByte, bool TwoBytes, typename Take>
+HWY_INLINE void column(const std::uint8_t* HWY_RESTRICT from, Take& take) {
   const std::uint8_t* bytes = from + (Nibbles ? coded_bytes(4) : 0);
   const auto* shorts = reinterpret_cast<const std::uint16_t*>(bytes + (OneByte ? coded_bytes(8) : 0));
   for (std::size_t i = 0; i < tile_size; i += lanes) {
@@ -42,46 +43,85 @@ HWY_INLINE void column(const std::uint8_t* HWY_RESTRICT from, double* HWY_RESTRI
       const auto nibble = i < half ? hn::And(pair, hn::Set(Codes(), 15)) : hn::ShiftRight<4>(pair);
       codes = hn::Or(hn::ShiftLeft<4>(codes), nibble);
     }
-    store_doubles(codes, out + i);
+    take.at(i, doubles(codes));
   }
 }
 
-HWY_INLINE void whole_column(const std::uint8_t* HWY_RESTRICT from, double* HWY_RESTRICT out) {
+template <typename Take>
+HWY_INLINE void whole_column(const std::uint8_t* HWY_RESTRICT from, Take& take) {
   const auto* codes = reinterpret_cast<const std::uint32_t*>(from);
-  for (std::size_t i = 0; i < tile_size; i += lanes) store_doubles(hn::LoadU(Codes(), codes + i), out + i);
+  for (std::size_t i = 0; i < tile_size; i += lanes) take.at(i, doubles(hn::LoadU(Codes(), codes + i)));
 }
 
-void decode(const std::uint8_t* codes, const std::uint8_t* bits, std::size_t columns, double* out) {
-  for (std::size_t c = 0; c < columns; ++c, out += tile_size) {
+template <typename Take>
+HWY_INLINE void columns_of(const std::uint8_t* codes, const std::uint8_t* bits, std::size_t columns, Take& take) {
+  for (std::size_t c = 0; c < columns; ++c, take.next()) {
     switch (bits[c]) {
       case 0:
-        std::memset(out, 0, tile_size * sizeof(double));
+        for (std::size_t i = 0; i < tile_size; i += lanes) take.at(i, hn::Zero(D()));
         break;
       case 4:
-        column<true, false, false>(codes, out);
+        column<true, false, false>(codes, take);
         break;
       case 8:
-        column<false, true, false>(codes, out);
+        column<false, true, false>(codes, take);
         break;
       case 12:
-        column<true, true, false>(codes, out);
+        column<true, true, false>(codes, take);
         break;
       case 16:
-        column<false, false, true>(codes, out);
+        column<false, false, true>(codes, take);
         break;
       case 20:
-        column<true, false, true>(codes, out);
+        column<true, false, true>(codes, take);
         break;
       case 24:
-        column<false, true, true>(codes, out);
+        column<false, true, true>(codes, take);
         break;
       case 28:
-        column<true, true, true>(codes, out);
+        column<true, true, true>(codes, take);
         break;
       default:
-        whole_column(codes, out);
+        whole_column(codes, take);
     }
     codes += coded_bytes(bits[c]);
+  }
+}
+
+/// Stores the numbers.
+struct Stored {
+  double* out;
+  HWY_INLINE void at(std::size_t i, hn::Vec<D> numbers) { hn::StoreU(numbers, D(), out + i); }
+  HWY_INLINE void next() { out += tile_size; }
+};
+
+void decode(const std::uint8_t* codes, const std::uint8_t* bits, std::size_t columns, double* out) {
+  Stored stored{out};
+  columns_of(codes, bits, columns, stored);
+}
+
+/// Adds the numbers times three weights of each column to sums that stay in registers.
+struct Summed {
+  hn::Vec<D> sums[3][tile_size / lanes];
+  const double* B;
+  std::size_t ldb;
+  HWY_INLINE void at(std::size_t i, hn::Vec<D> numbers) {
+    for (std::size_t c = 0; c < 3; ++c) sums[c][i / lanes] = hn::MulAdd(numbers, hn::Set(D(), B[c]), sums[c][i / lanes]);
+  }
+  HWY_INLINE void next() { B += ldb; }
+};
+
+void sum_three(const std::uint8_t* codes, const std::uint8_t* bits, std::size_t columns, const double* B, std::size_t ldb,
+               double* out) {
+  Summed summed;
+  summed.B = B;
+  summed.ldb = ldb;
+  for (std::size_t c = 0; c < 3; ++c) {
+    for (std::size_t i = 0; i < tile_size; i += lanes) summed.sums[c][i / lanes] = hn::LoadU(D(), out + c * tile_size + i);
+  }
+  columns_of(codes, bits, columns, summed);
+  for (std::size_t c = 0; c < 3; ++c) {
+    for (std::size_t i = 0; i < tile_size; i += lanes) hn::StoreU(summed.sums[c][i / lanes], D(), out + c * tile_size + i);
   }
 }
 
@@ -119,6 +159,7 @@ HWY_AFTER_NAMESPACE();
 namespace deform {
 
 HWY_EXPORT(decode);
+HWY_EXPORT(sum_three);
 HWY_EXPORT(weighted_rows);
 
 unsigned code_bits(std::uint32_t largest) { return (static_cast<unsigned>(std::bit_width(largest)) + 3) / 4 * 4; }
@@ -149,6 +190,17 @@ void encode_column(const std::uint32_t* values, unsigned bits, std::uint8_t* to)
 
 void decode_columns(const std::uint8_t* codes, std::span<const std::uint8_t> bits, double* out) {
   HWY_DYNAMIC_DISPATCH(decode)(codes, bits.data(), bits.size(), out);
+}
+
+void add_coded_products(const std::uint8_t* codes, std::span<const std::uint8_t> bits, const double* B, std::size_t ldb,
+                        double* out) {
+  HWY_DYNAMIC_DISPATCH(sum_three)(codes, bits.data(), bits.size(), B, ldb, out);
+}
+
+void prefetch_share(std::span<const std::byte> array, std::size_t part, std::size_t parts) {
+  constexpr std::size_t line = 64;  // bytes
+  const std::size_t share = (array.size() + parts - 1) / parts, end = std::min(array.size(), (part + 1) * share);
+  for (std::size_t i = part * share; i < end; i += line) hwy::Prefetch(array.data() + i);
 }
 
 void add_weighted_rows(const float* A, std::size_t stride, std::span<const std::uint32_t> rows, const double* B, std::size_t ldb,

@@ -26,6 +26,14 @@ void encode_column(const std::uint32_t* values, unsigned bits, std::uint8_t* to)
 /// Decodes consecutive columns to out[column][16]. `codes` must be aligned to 4 bytes. Any thread.
 void decode_columns(const std::uint8_t* codes, std::span<const std::uint8_t> bits, double* out);
 
+/// out[c][16] += sum over the columns k of the numbers[k][16] * B[k][c], with k ascending, for three c; B has row stride ldb: the
+/// sums of tile_product() of the decoded columns, bit for bit. `codes` must be aligned to 4 bytes. Any thread.
+void add_coded_products(const std::uint8_t* codes, std::span<const std::uint8_t> bits, const double* B, std::size_t ldb,
+                        double* out);
+
+/// Prefetches one of so many equal parts of an array. Any thread.
+void prefetch_share(std::span<const std::byte> array, std::size_t part, std::size_t parts);
+
 /// out[c][k] += sum over the rows r of B[r][c] * A[r][k], for k below `stride`, a multiple of 4: products of float rows
 /// with columns of doubles, each column summed in the order of the rows. B has row stride ldb, `out` has row stride
 /// `stride`. Any thread.

@@ -54,10 +54,27 @@ struct SomeRows {
   HWY_INLINE std::size_t operator[](std::size_t k) const { return rows[k]; }
 };
 
+/// What a product asks memory for while it computes.
+struct Nothing {
+  template <std::size_t Height>
+  HWY_INLINE void ask(const double*) const {}
+};
+/// What is so many bytes behind the row.
+struct RowsAhead {
+  std::uintptr_t distance;
+  template <std::size_t Height>
+  HWY_INLINE void ask(const double* row) const {
+    constexpr std::size_t line = 64;  // bytes
+    // A number and no pointer: there may be no such tile.
+    const std::uintptr_t ahead = reinterpret_cast<std::uintptr_t>(row) + distance;
+    for (std::size_t i = 0; i < Height * sizeof(double); i += line) hwy::Prefetch(reinterpret_cast<const char*>(ahead + i));
+  }
+};
+
 // `Height` points (a multiple of the vector length) times `Columns` columns, accumulated in registers.
-template <std::size_t Height, std::size_t Columns, typename Rows>
-HWY_INLINE void product_block(const double* HWY_RESTRICT A, const Rows& rows, const double* HWY_RESTRICT B, std::size_t ldb,
-                              double* HWY_RESTRICT out) {
+template <std::size_t Height, std::size_t Columns, typename Rows, typename Ahead>
+HWY_INLINE void product_block(const double* HWY_RESTRICT A, const Rows& rows, const Ahead& ahead, const double* HWY_RESTRICT B,
+                              std::size_t ldb, double* HWY_RESTRICT out) {
   const D d;
   constexpr std::size_t vectors = Height / lanes;
   V sum[Columns][vectors];
@@ -66,6 +83,7 @@ HWY_INLINE void product_block(const double* HWY_RESTRICT A, const Rows& rows, co
   }
   for (std::size_t k = 0; k < rows.count; ++k) {
     const double* HWY_RESTRICT row = A + rows[k] * tile_size;
+    ahead.template ask<Height>(row);
     V a[vectors];
     for (std::size_t v = 0; v < vectors; ++v) a[v] = hn::LoadU(d, row + v * lanes);
     for (std::size_t c = 0; c < Columns; ++c) {
@@ -81,35 +99,66 @@ HWY_INLINE void product_block(const double* HWY_RESTRICT A, const Rows& rows, co
 // A third of a tile's registers hold three columns at full height; wider products use half the height and twice the columns.
 constexpr std::size_t half = tile_size / 2;
 
-template <typename Rows>
-HWY_INLINE void product_of(const double* A, const Rows& rows, const double* B, std::size_t ldb, std::size_t columns,
-                           double* out) {
-  std::size_t c = 0;
-  for (; c + 6 <= columns; c += 6) {
-    product_block<half, 6>(A, rows, B + c, ldb, out + c * tile_size);
-    product_block<half, 6>(A + half, rows, B + c, ldb, out + c * tile_size + half);
+template <std::size_t Columns, typename Rows, typename Ahead>
+HWY_INLINE void product_columns(const double* A, const Rows& rows, const Ahead& ahead, const double* B, std::size_t ldb,
+                                double* out) {
+  if constexpr (Columns > 3) {
+    product_block<half, Columns>(A, rows, ahead, B, ldb, out);
+    product_block<half, Columns>(A + half, rows, ahead, B, ldb, out + half);
+  } else {
+    product_block<tile_size, Columns>(A, rows, ahead, B, ldb, out);
   }
-  for (; c + 3 <= columns; c += 3) product_block<tile_size, 3>(A, rows, B + c, ldb, out + c * tile_size);
-  for (; c < columns; ++c) product_block<tile_size, 1>(A, rows, B + c, ldb, out + c * tile_size);
+}
+
+/// As many columns at a time as long as there are so many. The first ones ask for what is ahead.
+template <std::size_t Columns, typename Rows, typename Ahead>
+HWY_INLINE void product_groups(const double* A, const Rows& rows, const Ahead& ahead, const double* B, std::size_t ldb,
+                               std::size_t columns, std::size_t& c, double* out) {
+  for (; c + Columns <= columns; c += Columns) {
+    if (c == 0) {
+      product_columns<Columns>(A, rows, ahead, B, ldb, out);
+    } else {
+      product_columns<Columns>(A, rows, Nothing(), B + c, ldb, out + c * tile_size);
+    }
+  }
+}
+
+template <typename Rows, typename Ahead>
+HWY_INLINE void product_of(const double* A, const Rows& rows, const Ahead& ahead, const double* B, std::size_t ldb,
+                           std::size_t columns, double* out) {
+  std::size_t c = 0;
+  product_groups<6>(A, rows, ahead, B, ldb, columns, c, out);
+  product_groups<3>(A, rows, ahead, B, ldb, columns, c, out);
+  product_groups<1>(A, rows, ahead, B, ldb, columns, c, out);
 }
 
 void product(const double* A, std::size_t K, const double* B, std::size_t ldb, std::size_t columns, double* out) {
-  product_of(A, AllRows{K}, B, ldb, columns, out);
+  product_of(A, AllRows{K}, Nothing(), B, ldb, columns, out);
 }
 
-// Processors do not prefetch rows with gaps between them.
-constexpr std::size_t tiles_ahead = 4;
-constexpr std::size_t line = 64;  // bytes
+// Far enough that memory has answered by then, near enough to be there still. Processors themselves look ahead within a page
+// only, and not where there are gaps between rows.
+constexpr std::size_t bytes_ahead = 8192, most_tiles_ahead = 4;
 
 void product_of_rows(const double* A, std::size_t K, const std::uint32_t* rows, std::size_t count, const double* B,
                      std::size_t ldb, std::size_t columns, double* out) {
-  // A number and no pointer: there may be no such tile.
-  const std::uintptr_t ahead = reinterpret_cast<std::uintptr_t>(A) + tiles_ahead * K * tile_size * sizeof(double);
-  for (std::size_t r = 0; r < count; ++r) {
-    const std::uintptr_t row = ahead + rows[r] * tile_size * sizeof(double);
-    for (std::size_t i = 0; i < tile_size * sizeof(double); i += line) hwy::Prefetch(reinterpret_cast<const char*>(row + i));
+  constexpr std::size_t row = tile_size * sizeof(double);
+  if (count == K) return product_of(A, AllRows{K}, RowsAhead{bytes_ahead}, B, ldb, columns, out);
+  const std::size_t tiles = HWY_MIN(bytes_ahead / (count * row + 1) + 1, most_tiles_ahead);
+  product_of(A, SomeRows{count, rows}, RowsAhead{tiles * K * row}, B, ldb, columns, out);
+}
+
+void positions(const Vec3* HWY_RESTRICT places, double keep, const double* HWY_RESTRICT values, Vec3* HWY_RESTRICT out) {
+  const D d;
+  const V factor = hn::Set(d, keep);
+  for (std::size_t i = 0; i < tile_size; i += lanes) {
+    V x, y, z;
+    hn::LoadInterleaved3(d, places[i].data(), x, y, z);
+    x = hn::MulAdd(factor, x, hn::LoadU(d, values + i));
+    y = hn::MulAdd(factor, y, hn::LoadU(d, values + tile_size + i));
+    z = hn::MulAdd(factor, z, hn::LoadU(d, values + 2 * tile_size + i));
+    hn::StoreInterleaved3(x, y, z, d, out[i].data());
   }
-  product_of(A, SomeRows{count, rows}, B, ldb, columns, out);
 }
 
 void product_transposed(const double* HWY_RESTRICT A, std::size_t K, const double* HWY_RESTRICT X, std::size_t columns,
@@ -200,6 +249,7 @@ namespace deform {
 
 HWY_EXPORT(product);
 HWY_EXPORT(product_of_rows);
+HWY_EXPORT(positions);
 HWY_EXPORT(product_transposed);
 HWY_EXPORT(kernel_tile);
 HWY_EXPORT(kernel_tile_sums);
@@ -220,6 +270,10 @@ void tile_product(const double* A, std::size_t K, const double* B, std::size_t l
 void tile_product(const double* A, std::size_t K, std::span<const std::uint32_t> rows, const double* B, std::size_t ldb,
                   std::size_t columns, double* out) {
   HWY_DYNAMIC_DISPATCH(product_of_rows)(A, K, rows.data(), rows.size(), B, ldb, columns, out);
+}
+
+void tile_positions(const Vec3* places, double keep, const double* values, Vec3* out) {
+  HWY_DYNAMIC_DISPATCH(positions)(places, keep, values, out);
 }
 
 void tile_product_transposed(const double* A, std::size_t K, const double* X, std::size_t columns, double* out, std::size_t ldo) {

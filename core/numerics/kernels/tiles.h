@@ -37,10 +37,14 @@ class TiledPoints {
 /// row stride ldb. The order of the sum is the same for every column, so results do not depend on how columns are grouped.
 /// Any thread.
 void tile_product(const double* A, std::size_t K, const double* B, std::size_t ldb, std::size_t columns, double* out);
-/// The same sum over the given rows of A and B only, in the given order; the others are not read. Prefetches these rows of the
-/// tiles that follow A in memory. Any thread.
+/// The same sum over the given rows of A and B only, which ascend; the others are not read. For tiles that are taken one after
+/// the other from memory: prefetches these rows of the tiles that follow A there. Any thread.
 void tile_product(const double* A, std::size_t K, std::span<const std::uint32_t> rows, const double* B, std::size_t ldb,
                   std::size_t columns, double* out);
+
+/// out[i] = keep * places[i] + (values[i], values[16 + i], values[32 + i]) for the 16 points of a tile. With `keep` 0 or 1 it is
+/// the same whether or not products are fused with sums. Any thread.
+void tile_positions(const Vec3* places, double keep, const double* values, Vec3* out);
 
 /// out[k][c] += sum over the 16 points of A[k][16] * X[c][16]: the transposed product. out is K x columns with row stride ldo.
 /// May be called from any thread.

@@ -4,9 +4,14 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <functional>
 #include <limits>
+#include <memory>
+#include <numeric>
+#include <utility>
+#include <vector>
 
 #include "core/deformers/system.h"
 #include "tests/core/deformers/mirrored.h"
@@ -76,6 +81,42 @@ TEST(Symmetry, HalfModelDeformsAsTheWholeOne) {
         EXPECT_GT(test::distance(got, half.half->points), 0.05);
         EXPECT_LE(half.out_of_planes(got), frame.origin == test::Frame{}.origin ? 0 : 1e-15 * D);
       }
+    }
+  }
+}
+
+/// A half model with its points in this order.
+struct Reordered {
+  Reordered(const HalfModel& model, const std::vector<PointId>& order) : setup(model.setup) {
+    Mesh mesh;
+    for (const PointId id : order) mesh.points.push_back(model.half->points[id]);
+    half = test::shared(std::move(mesh));
+    for (Region* const region : {&setup.handles[0].region, &setup.fixed[0]}) {
+      for (PointId& id : std::get<Region::Ids>(region->kind).ids) {
+        id = static_cast<PointId>(std::find(order.begin(), order.end(), id) - order.begin());
+      }
+    }
+  }
+  std::shared_ptr<const Mesh> half;
+  deform::Setup setup;
+};
+
+// With handle and fixed points between those that follow, and with these one after the other.
+TEST(Symmetry, OrderOfThePointsDoesNotMatter) {
+  for (std::size_t planes = 1; planes <= 3; ++planes) {
+    const HalfModel model(planes, test::oblique());
+    const auto& fixed = std::get<Region::Ids>(model.setup.fixed[0].kind).ids;
+    std::vector<PointId> order(model.half->point_count());
+    std::iota(order.begin(), order.end(), 0u);
+    std::stable_partition(order.begin(), order.end(), [&](PointId id) {
+      return std::count(fixed.begin(), fixed.end(), id) + std::count(model.handle().begin(), model.handle().end(), id) == 0;
+    });
+    const Reordered reordered(model, order);
+    const Design design{{}, {{0, sliding_motion(model)}}};
+    for (const EvaluationPath path : {EvaluationPath::basis, EvaluationPath::direct}) {
+      const Points expected = prepare(model.half, model.setup)->evaluate({&design, 1}, path)[0];
+      const Points got = prepare(reordered.half, reordered.setup)->evaluate({&design, 1}, path)[0];
+      for (std::size_t i = 0; i < order.size(); ++i) EXPECT_LT(test::distance(got[i], expected[order[i]]), 1e-11) << order[i];
     }
   }
 }

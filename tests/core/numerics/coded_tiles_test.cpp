@@ -23,28 +23,52 @@ TEST(CodedTiles, AsManyBitsAsTheLargestNumberNeeds) {
   EXPECT_EQ(code_bits(largest_code), 32u);
 }
 
-TEST(CodedTiles, ColumnsOfEveryWidthComeBack) {
-  std::mt19937 random(1);
-  const std::vector<std::uint8_t> bits{32, 4, 8, 12, 0, 16, 20, 24, 28, 4, 32, 28};
+/// Columns of every width, with their codes.
+struct Coded {
+  std::vector<std::uint8_t> bits{32, 4, 8, 12, 0, 16, 20, 24, 28, 4, 32, 28}, codes;
   std::vector<std::uint32_t> values;
-  std::size_t bytes = 0;
-  for (const unsigned width : bits) {
-    const std::uint32_t most = width == 32 ? largest_code : (1u << width) - 1;
-    for (std::size_t i = 0; i < tile_size; ++i) values.push_back(i == 3 ? most : i == 9 ? 0 : random() & most);
-    bytes += coded_bytes(width);
+
+  Coded() {
+    std::mt19937 random(1);
+    std::size_t bytes = 0;
+    for (const unsigned width : bits) {
+      const std::uint32_t most = width == 32 ? largest_code : (1u << width) - 1;
+      for (std::size_t i = 0; i < tile_size; ++i) values.push_back(i == 3 ? most : i == 9 ? 0 : random() & most);
+      bytes += coded_bytes(width);
+    }
+    codes.assign(bytes, 0xee);
+    std::uint8_t* to = codes.data();
+    for (std::size_t c = 0; c < bits.size(); ++c) {
+      encode_column(values.data() + c * tile_size, bits[c], to);
+      to += coded_bytes(bits[c]);
+    }
   }
-  std::vector<std::uint8_t> codes(bytes, 0xee);
-  std::uint8_t* to = codes.data();
-  for (std::size_t c = 0; c < bits.size(); ++c) {
-    encode_column(values.data() + c * tile_size, bits[c], to);
-    to += coded_bytes(bits[c]);
-  }
+};
+
+TEST(CodedTiles, ColumnsOfEveryWidthComeBack) {
+  const Coded coded;
+  const auto& values = coded.values;
   test::on_every_target([&] {
     std::vector<double> decoded(values.size(), -1);
-    decode_columns(codes.data(), bits, decoded.data());
+    decode_columns(coded.codes.data(), coded.bits, decoded.data());
     for (std::size_t i = 0; i < values.size(); ++i) {
-      EXPECT_EQ(decoded[i], values[i]) << "column " << i / tile_size << " of " << int{bits[i / tile_size]} << " bits";
+      EXPECT_EQ(decoded[i], values[i]) << "column " << i / tile_size << " of " << int{coded.bits[i / tile_size]} << " bits";
     }
+  });
+}
+
+TEST(CodedTiles, ProductsHaveTheBitsOfThoseOfDecodedColumns) {
+  const Coded coded;
+  const std::vector<double> numbers(coded.values.begin(), coded.values.end());
+  constexpr std::size_t ldb = 5;
+  const auto B = test::random_values(coded.bits.size() * ldb, 4);
+  const auto start = test::random_values(3 * tile_size, 5);
+  test::on_every_target([&] {
+    std::vector<double> out = start, expected = start;
+    add_coded_products(coded.codes.data(), coded.bits, B.data() + 1, ldb, out.data());
+    tile_product(numbers.data(), coded.bits.size(), B.data() + 1, ldb, 3, expected.data());
+    EXPECT_TRUE(out == expected);
+    EXPECT_TRUE(out != start);
   });
 }
 

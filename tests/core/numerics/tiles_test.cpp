@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 #include "core/base/error.h"
 #include "tests/core/numerics/every_target.h"
@@ -98,6 +99,37 @@ TEST(Tiles, ProductsOfSomeRowsLeaveTheOthersAlone) {
       tile_product(A.data(), K, rows, B.data(), columns, columns, out.data());
       tile_product(few_A.data(), rows.size(), few_B.data(), columns, columns, expected.data());
       EXPECT_TRUE(out == expected) << columns;
+    });
+  }
+}
+
+TEST(Tiles, ProductsOfAllRowsByNameAreThoseOfAllRows) {
+  constexpr std::size_t K = 29;
+  std::vector<std::uint32_t> rows(K);
+  std::iota(rows.begin(), rows.end(), 0u);
+  const auto A = test::random_values(K * tile_size, 3);
+  for (const std::size_t columns : {0, 1, 2, 3, 6, 7, 9, 45}) {
+    const auto B = test::random_values(K * columns, 4);
+    test::on_every_target([&] {
+      std::vector<double> out(columns * tile_size, 0.25), expected = out;
+      tile_product(A.data(), K, rows, B.data(), columns, columns, out.data());
+      tile_product(A.data(), K, B.data(), columns, columns, expected.data());
+      EXPECT_TRUE(out == expected) << columns;
+    });
+  }
+}
+
+TEST(Tiles, PositionsOnEveryTarget) {
+  const auto places = test::random_points(tile_size, 9);
+  const auto values = test::random_values(3 * tile_size, 10);
+  for (const double keep : {0.0, 1.0}) {
+    test::on_every_target([&] {
+      std::vector<Vec3> out(tile_size + 1, Vec3{7, 7, 7});
+      tile_positions(places.data(), keep, values.data(), out.data());
+      for (std::size_t i = 0; i < tile_size; ++i) {
+        for (std::size_t k = 0; k < 3; ++k) EXPECT_EQ(out[i][k], keep * places[i][k] + values[k * tile_size + i]) << i;
+      }
+      EXPECT_EQ(out[tile_size], (Vec3{7, 7, 7})) << "written beyond the tile";
     });
   }
 }
