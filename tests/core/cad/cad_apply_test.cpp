@@ -718,21 +718,24 @@ TEST_F(CadApply, WhatCannotBeDoneIsRefusedAndNothingIsWritten) {
 
 TEST_F(CadApply, AnEdgeThatShrinksToAPointIsRefused) {
   // OpenCASCADE would find the model valid, write it, and read the plane within the upper rim without bounds.
-  const TopoDS_Shape rod = BRepPrimAPI_MakeCylinder(gp_Ax2(gp_Pnt(0.3, 0.7, 0), gp::DZ()), 1, 2).Shape();
-  const auto narrowed = [](double by) {
-    return each([by](const Vec3& p) {
+  const auto narrowed = [](const Vec3& foot, double by) {
+    return each([foot, by](const Vec3& p) {
       const double share = 1 - by * p[2] / 2;
-      return Vec3{0.3 + (p[0] - 0.3) * share, 0.7 + (p[1] - 0.7) * share, p[2]};
+      return Vec3{foot[0] + (p[0] - foot[0]) * share, foot[1] + (p[1] - foot[1]) * share, p[2]};
     });
   };
-  for (const char* extension : {".brep", ".step"}) {
-    const ApplyRequest asked = request(rod, extension);
-    test::expect_error(ErrorCode::failed_precondition, {"edge ", " shrinks to a point; nothing is written"},
-                       [&] { apply_to_model(asked, narrowed(1)); });
-    EXPECT_FALSE(std::filesystem::exists(asked.output));
-    apply_to_model(asked, narrowed(0.999));
-    const double least = 0.001;  // radius of the upper rim
-    EXPECT_NEAR(volume(read(asked.output)), 2 * std::numbers::pi / 3 * (1 + least + least * least), 1e-5) << extension;
+  for (const Vec3& foot : {Vec3{0, 0, 0}, Vec3{0.3, 0.7, 0}}) {  // exactly, and but for rounding
+    const TopoDS_Shape rod = BRepPrimAPI_MakeCylinder(gp_Ax2(gp_Pnt(foot[0], foot[1], 0), gp::DZ()), 1, 2).Shape();
+    for (const char* extension : {".brep", ".step"}) {
+      const ApplyRequest asked = request(rod, extension);
+      test::expect_error(ErrorCode::failed_precondition, {"edge ", " shrinks to a point; nothing is written"},
+                         [&] { apply_to_model(asked, narrowed(foot, 1)); });
+      EXPECT_FALSE(std::filesystem::exists(asked.output));
+      apply_to_model(asked, narrowed(foot, 0.999));
+      const double least = 0.001;  // radius of the upper rim
+      EXPECT_NEAR(volume(read(asked.output)), 2 * std::numbers::pi / 3 * (1 + least + least * least), 1e-5) << extension;
+      std::filesystem::remove(asked.output);
+    }
   }
 }
 
