@@ -5,7 +5,9 @@
 #include <BRep_Builder.hxx>
 #include <BRep_Tool.hxx>
 #include <GCPnts_AbscissaPoint.hxx>
+#include <Geom_Curve.hxx>
 #include <Geom_Surface.hxx>
+#include <Precision.hxx>
 #include <Standard_Failure.hxx>
 #include <TopoDS_Compound.hxx>
 #include <algorithm>
@@ -338,7 +340,26 @@ class Application {
     return finer;
   }
 
+  /// OpenCASCADE takes edges without a length for valid, and reads faces without them from STEP.
+  void check_edges() const {
+    for (int e = 0; e < model_.edge_count(); ++e) {
+      double from = 0, to = 0;
+      const Handle(Geom_Curve) rest = BRep_Tool::Curve(model_.edge(e), from, to), now = refitting_.curve(e);
+      if (now.IsNull() || is_point(*rest, from, to) || !is_point(*now, from, to)) continue;
+      refuse("edge " + std::to_string(e + 1) + " shrinks to a point");
+    }
+  }
+
+  static bool is_point(const Geom_Curve& curve, double from, double to) {
+    constexpr int pieces = 12;
+    for (int k = 1; k <= pieces; ++k) {
+      if (curve.Value(from).Distance(curve.Value(from + (to - from) * k / pieces)) > Precision::Confusion()) return false;
+    }
+    return true;
+  }
+
   void deform() {
+    check_edges();
     deformed_ = document_;
     for (Part& part : deformed_.parts) {
       context_.check();

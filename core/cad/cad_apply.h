@@ -87,9 +87,9 @@ struct DeformedModel {
 /// OpenCASCADE.
 ///
 /// Throws Error(not_found, invalid_argument): a file that cannot be read or holds no face, an output of another format, a model
-/// that does not lie at the mesh, a map that is not finite. Error(failed_precondition): the deformed model is not valid or turned
-/// inside out (naming faces), nothing is written; no OpenCASCADE in this program. Error(cancelled, deadline_exceeded) by the
-/// context; what the map throws.
+/// that does not lie at the mesh, a map that is not finite. Error(failed_precondition): the deformed model is not valid (naming
+/// faces), turned inside out, or an edge of it shrinks to a point, nothing is written; no OpenCASCADE in this program.
+/// Error(cancelled, deadline_exceeded) by the context; what the map throws.
 DeformedModel apply_to_model(const ApplyRequest& request, const SpaceMap& map, const RunContext& context = {});
 
 }  // namespace deform::cad

@@ -15,6 +15,7 @@
 #include <TopoDS_Iterator.hxx>
 #include <algorithm>
 #include <functional>
+#include <limits>
 #include <memory>
 #include <unordered_map>
 
@@ -291,11 +292,11 @@ class Carrier {
     Vec3 middle{};
     for (const std::size_t i : corners) middle = middle + mesh_.points[nodes_[i]] / 3.0;
     int best = -1;
-    double least = 0;
+    double least = std::numeric_limits<double>::infinity();
     for (int f = 0; f < before_.face_count(); ++f) {
       if (!std::all_of(corners.begin(), corners.end(), [&](std::size_t i) { return holds(f, i); })) continue;
       const double d = distance_from(pnt(middle), before_.face(f));
-      if (best >= 0 && d >= least) continue;
+      if (d >= least) continue;
       best = f;
       least = d;
     }

@@ -117,14 +117,15 @@ class PartReader {
     XCAFDoc_ShapeTool::GetSubShapes(label, marked);
     for (int i = 1; i <= marked.Length(); ++i) {
       const TopoDS_Shape sub = XCAFDoc_ShapeTool::GetShape(marked(i));
+      if (sub.ShapeType() == TopAbs_FACE) mark(part, faces, sub, name_of(marked(i)), colour_of(marked(i), std::nullopt));
+    }
+    for (int i = 1; i <= marked.Length(); ++i) {  // a solid or shell gives its colour to its faces that have none
+      const TopoDS_Shape sub = XCAFDoc_ShapeTool::GetShape(marked(i));
       const Colour own = colour_of(marked(i), std::nullopt);
-      if (sub.ShapeType() == TopAbs_FACE) {
-        mark(part, faces, sub, name_of(marked(i)), own);
-      } else if (own) {  // a solid or shell gives its colour to its faces
-        TopTools_IndexedMapOfShape inside;
-        TopExp::MapShapes(sub, TopAbs_FACE, inside);
-        for (int f = 1; f <= inside.Extent(); ++f) mark(part, faces, inside(f), "", own);
-      }
+      if (sub.ShapeType() == TopAbs_FACE || !own) continue;
+      TopTools_IndexedMapOfShape inside;
+      TopExp::MapShapes(sub, TopAbs_FACE, inside);
+      for (int f = 1; f <= inside.Extent(); ++f) mark(part, faces, inside(f), "", own);
     }
     document_.parts.push_back(std::move(part));
   }
@@ -136,7 +137,7 @@ class PartReader {
     for (FaceMark& known : part.faces) {
       if (known.face != f) continue;
       if (!name.empty()) known.name = name;
-      if (colour && (!known.colour || !name.empty())) known.colour = colour;
+      if (!known.colour) known.colour = colour;
       return;
     }
     part.faces.push_back({f, name, colour});

@@ -356,15 +356,12 @@ bool Refitting::check_borders() {
       const Edge& edge = edges_[use.edge];
       if (edge.rest.IsNull() || edge.refit != Refit::fitted) return false;
       for (const auto& [at, place] : edge.fit.places()) {
-        double miss = 0, limit = limits_.rigid;
-        if (face.refit == Refit::reshaped) {
-          miss = analytic_distance(*face.reshaped, place);
-          limit = limits_.reshaped;
-        } else {
-          const gp_Pnt rest = edge.rest->Value(at[0]);
-          miss = distance(vector_of(face.refit == Refit::moved ? rest.Transformed(face.motion) : rest), place);
-        }
-        if (miss > limit) return true;
+        const bool reshaped = face.refit == Refit::reshaped;
+        const gp_Pnt rest = edge.rest->Value(at[0]);
+        const double miss = reshaped
+                                ? analytic_distance(*face.reshaped, place)
+                                : distance(vector_of(face.refit == Refit::moved ? rest.Transformed(face.motion) : rest), place);
+        if (miss > (reshaped ? limits_.reshaped : limits_.rigid)) return true;
       }
       return false;
     });

@@ -41,7 +41,7 @@ TESTS = {
                   "reduction_test", "symmetry_test", "exact_test", "rbf_tolerance_test", "energy_error_test", "space_map_test",
                   "composed_test", "sector_test", "contract_test"],
     "report": ["report_test"],
-    "cad": ["cad_apply_test", "cad_regions_test", "cad_move_test", "cad_pairs_test"],
+    "cad": ["cad_apply_test", "cad_regions_test", "cad_move_test", "cad_pairs_test", "cad_parts_test", "without_cad_test"],
 }
 MOST = 65536  # mutants of one run
 HEADER = """#pragma once

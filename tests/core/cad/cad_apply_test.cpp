@@ -695,6 +695,18 @@ TEST_F(CadApply, WhatCannotBeDoneIsRefusedAndNothingIsWritten) {
   wrong.tolerance = 0.1;
   EXPECT_THAT(refusal(wrong, each(sheared)), HasSubstr("1e-9 to 1e-2"));
   wrong = asked;
+  wrong.rigid = 0.02;
+  EXPECT_THAT(refusal(wrong, each(sheared)), HasSubstr("rigid: 0.02 is not from 0 to 1e-2"));
+  for (const double hold : {0.02, -1e-3, std::numeric_limits<double>::quiet_NaN()}) {
+    wrong = asked;
+    wrong.hold = hold;
+    EXPECT_THAT(refusal(wrong, each(sheared)), testing::StartsWith("hold: "));
+    EXPECT_THAT(refusal(wrong, each(sheared)), HasSubstr(" is not from 0 to 1e-2 of the diagonal"));
+  }
+  wrong = asked;
+  wrong.checks = 10'000'001;
+  EXPECT_THAT(refusal(wrong, each(sheared)), HasSubstr("checks: 10000001 are more than 10000000"));
+  wrong = asked;
   wrong.scale = -1;
   EXPECT_THAT(refusal(wrong, each(sheared)), HasSubstr("greater than 0"));
   wrong = asked;
@@ -702,6 +714,29 @@ TEST_F(CadApply, WhatCannotBeDoneIsRefusedAndNothingIsWritten) {
   EXPECT_THAT(refusal(wrong, each(sheared)), HasSubstr("the CAD file cannot be opened: No such file or directory"));
   wrong.model = std::filesystem::temp_directory_path();
   EXPECT_THAT(refusal(wrong, each(sheared)), HasSubstr("the CAD file cannot be opened: Is a directory"));
+}
+
+TEST_F(CadApply, AnEdgeThatShrinksToAPointIsRefused) {
+  // OpenCASCADE would find the model valid, write it, and read the plane within the upper rim without bounds.
+  const auto narrowed = [](const Vec3& foot, double by) {
+    return each([foot, by](const Vec3& p) {
+      const double share = 1 - by * p[2] / 2;
+      return Vec3{foot[0] + (p[0] - foot[0]) * share, foot[1] + (p[1] - foot[1]) * share, p[2]};
+    });
+  };
+  for (const Vec3& foot : {Vec3{0, 0, 0}, Vec3{0.3, 0.7, 0}}) {  // exactly, and but for rounding
+    const TopoDS_Shape rod = BRepPrimAPI_MakeCylinder(gp_Ax2(gp_Pnt(foot[0], foot[1], 0), gp::DZ()), 1, 2).Shape();
+    for (const char* extension : {".brep", ".step"}) {
+      const ApplyRequest asked = request(rod, extension);
+      test::expect_error(ErrorCode::failed_precondition, {"edge ", " shrinks to a point; nothing is written"},
+                         [&] { apply_to_model(asked, narrowed(foot, 1)); });
+      EXPECT_FALSE(std::filesystem::exists(asked.output));
+      apply_to_model(asked, narrowed(foot, 0.999));
+      const double least = 0.001;  // radius of the upper rim
+      EXPECT_NEAR(volume(read(asked.output)), 2 * std::numbers::pi / 3 * (1 + least + least * least), 1e-5) << extension;
+      std::filesystem::remove(asked.output);
+    }
+  }
 }
 
 TEST(FaceRegion, AgreesWithTheClassifierOfOpenCascade) {

@@ -141,6 +141,16 @@ const std::vector<Pair>& pairs() {
        },
        {{{1.4, 1, 1}, {1.4, 1, 1}}, {{3, 1, 1}, {3, 2, 1}}, {{0, 1, 1}, {0, 2, 1}}},
        {}},
+      {"a split in another direction of a part with a blind hole",
+       [] {
+         return joined(without(block({0, 0, 0}, {2, 3, 2}), rod({1, 1, 1}, {0, 0, 1}, 0.4, 2)), block({2, 0, 0}, {1, 3, 2}));
+       },
+       [] {
+         const TopoDS_Shape upper = without(block({0, 0, 0.5}, {3, 3, 1.5}), rod({1, 1, 1}, {0, 0, 1}, 0.4, 2));
+         return joined(block({0, 0, 0}, {3, 3, 0.5}), upper);
+       },
+       {{{1.4, 1, 1.5}, {1.4, 1, 1.5}}, {{3, 1, 1}, {3, 1, 0.5}}, {{2, 1, 2}, {2, 1, 2}}},
+       {}},
       {"a cylinder split into halves",
        [] {
          return bored({4, 4, 2}, {2, 2, 0}, 1);
@@ -465,6 +475,24 @@ TEST_F(CadSeams, ARodStretchesWhereverItsSeamIs) {
     worst = std::max(worst, distance(carried.places[i], {1.5 * p[0], 1.5 * p[1], p[2] * 4 / 3}));
   }
   EXPECT_LT(worst, 1e-6);
+}
+
+TEST_F(CadSeams, ARimBetweenTwoRoundFacesDoesNotTurnWithTheirSeams) {
+  // A cylinder and a cone on it: no face at their common circle but those with the seams.
+  const auto stub = [](double size, double seam) {
+    const gp_Ax2 place(gp_Pnt(0, 0, 2 * size), gp::DZ(), gp_Dir(std::cos(seam), std::sin(seam), 0));
+    return joined(rod({0, 0, 0}, {0, 0, 1}, {std::cos(seam), std::sin(seam), 0}, size, 2 * size),
+                  BRepPrimAPI_MakeCone(place, size, 0.4 * size, size).Shape());
+  };
+  const TopoDS_Shape before = stub(1, 0.3);
+  ASSERT_EQ(faces_of(before).size(), 4u);
+  const Mesh mesh = mesh_of(before, 0.05);
+  const CarriedNodes carried = carry(mesh, before, stub(1.5, 2.4));
+  double worst = 0;
+  for (std::size_t i = 0; i < carried.nodes.size(); ++i)
+    worst = std::max(worst, distance(carried.places[i], 1.5 * mesh.points[carried.nodes[i]]));
+  EXPECT_LT(worst, 1e-6);
+  EXPECT_EQ(carried.flipped() + carried.outside(), 0u);
 }
 
 TEST_F(CadSeams, AConeAndItsApexTurnNeither) {

@@ -6,6 +6,7 @@
 
 #include <BRepAlgoAPI_Cut.hxx>
 #include <BRepAlgoAPI_Fuse.hxx>
+#include <BRepBuilderAPI_MakeFace.hxx>
 #include <BRepPrimAPI_MakeBox.hxx>
 #include <BRepPrimAPI_MakeCone.hxx>
 #include <BRepPrimAPI_MakeCylinder.hxx>
@@ -14,6 +15,7 @@
 #include <cmath>
 #include <filesystem>
 #include <functional>
+#include <gp_Pln.hxx>
 #include <numbers>
 
 #include "core/base/error.h"
@@ -122,7 +124,14 @@ TEST_F(CadRegionsTest, HalvesOfACylinderAreOneShapeWithItsRadiusAndCircles) {
   }
   for (const CadShape& edge : regions.edges) {
     for (const int f : edge.lies_on) EXPECT_LT(f, static_cast<int>(regions.faces.size()));
-    circles += edge.kind == Kind::circle ? 1 : 0;
+    if (edge.kind == Kind::circle) {
+      ++circles;
+      EXPECT_NEAR(edge.radius, 0.5, 1e-12);
+      EXPECT_EQ(edge.type, "arc");
+      EXPECT_NEAR(edge.size, 0.5 * std::numbers::pi, 1e-9);
+      EXPECT_EQ(edge.points.size(), 10u) << "half of a row, whose first and last point coincide";
+      EXPECT_LT(edge.largest, 1e-12);
+    }
     EXPECT_EQ(edge.lies_on.size(), 2u) << "edges between the halves are no edges of the shape";
   }
   EXPECT_EQ(cylinders, 1);
@@ -157,6 +166,20 @@ TEST_F(CadRegionsTest, ConesAndSpheresHaveTheirParameters) {
   EXPECT_EQ(regions.faces[0].points.size(), ball.point_count());
   EXPECT_TRUE(regions.edges.empty()) << "seam and poles are no edges";
   EXPECT_GE(regions.mirrors.size(), 3u);
+}
+
+TEST_F(CadRegionsTest, EdgesOfOneFaceAreEdgesOfTheShape) {
+  // One face uses them once; seams are used twice.
+  Mesh mesh;
+  add_patch(mesh, 6, 5, [](double a, double b) { return Vec3{4 * a, 3 * b, 0}; });
+  const CadRegions regions = find(BRepBuilderAPI_MakeFace(gp_Pln(gp::Origin(), gp::DZ()), 0, 4, 0, 3).Shape(), mesh);
+  ASSERT_EQ(regions.faces.size(), 1u);
+  EXPECT_EQ(regions.faces[0].points.size(), mesh.point_count());
+  ASSERT_EQ(regions.edges.size(), 4u);
+  for (const CadShape& edge : regions.edges) {
+    EXPECT_EQ(edge.lies_on, std::vector<int>{0});
+    EXPECT_EQ(edge.points, points_where(mesh, [&](const Vec3& p) { return norm(cross(p - edge.point, edge.axis)) < 1e-9; }));
+  }
 }
 
 TEST_F(CadRegionsTest, AnEccentricBoreLeavesTheMirrorsThatItMeets) {

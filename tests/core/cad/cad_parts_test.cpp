@@ -1,0 +1,170 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Parts of core/cad by themselves: what read_document() finds in a STEP file, models with merged faces, regions of faces, and
+// what is said of shapes that are not valid.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <BRepAlgoAPI_Fuse.hxx>
+#include <BRepBuilderAPI_MakeFace.hxx>
+#include <BRepBuilderAPI_MakePolygon.hxx>
+#include <BRepPrimAPI_MakeBox.hxx>
+#include <BRep_Builder.hxx>
+#include <Geom2d_Line.hxx>
+#include <Geom_Plane.hxx>
+#include <Interface_Static.hxx>
+#include <STEPCAFControl_Controller.hxx>
+#include <STEPCAFControl_Writer.hxx>
+#include <TDataStd_Name.hxx>
+#include <TDocStd_Document.hxx>
+#include <TopExp.hxx>
+#include <TopExp_Explorer.hxx>
+#include <TopTools_IndexedMapOfShape.hxx>
+#include <TopoDS.hxx>
+#include <TopoDS_Compound.hxx>
+#include <TopoDS_Wire.hxx>
+#include <XCAFApp_Application.hxx>
+#include <XCAFDoc_ColorTool.hxx>
+#include <XCAFDoc_DocumentTool.hxx>
+#include <XCAFDoc_ShapeTool.hxx>
+#include <array>
+#include <filesystem>
+#include <gp_Pln.hxx>
+#include <map>
+
+#include "core/cad/deformed_shape.h"
+#include "core/cad/document.h"
+#include "core/cad/face_region.h"
+#include "core/cad/model.h"
+
+namespace deform::cad {
+namespace {
+
+using testing::HasSubstr;
+
+TopoDS_Compound together(const TopoDS_Shape& a, const TopoDS_Shape& b) {
+  TopoDS_Compound both;
+  const BRep_Builder builder;
+  builder.MakeCompound(both);
+  builder.Add(both, a);
+  builder.Add(both, b);
+  return both;
+}
+
+TopTools_IndexedMapOfShape faces_of(const TopoDS_Shape& shape) {
+  TopTools_IndexedMapOfShape faces;
+  TopExp::MapShapes(shape, TopAbs_FACE, faces);
+  return faces;
+}
+
+TEST(CadDocument, FacesHaveTheColourOfTheirSolidOrTheirOwn) {
+  Handle(TDocStd_Document) document;
+  XCAFApp_Application::GetApplication()->NewDocument("MDTV-XCAF", document);
+  const auto shapes = XCAFDoc_DocumentTool::ShapeTool(document->Main());
+  const auto colours = XCAFDoc_DocumentTool::ColorTool(document->Main());
+  // One part of two solids, of which the second has a colour.
+  const TopoDS_Shape both = together(BRepPrimAPI_MakeBox(1, 1, 1).Shape(), BRepPrimAPI_MakeBox(gp_Pnt(3, 0, 0), 1, 1, 1).Shape());
+  const TDF_Label part = shapes->AddShape(both, false);
+  const TopoDS_Shape shape = XCAFDoc_ShapeTool::GetShape(part);
+  TopExp_Explorer solids(shape, TopAbs_SOLID);
+  solids.Next();
+  const TopoDS_Shape second = solids.Current();
+  const TDF_Label named = shapes->AddSubShape(part, faces_of(second)(2));
+  TDataStd_Name::Set(named, "inlet");
+  const auto paint = [&](const TopoDS_Shape& sub, double red, double green, double blue) {
+    colours->SetColor(shapes->AddSubShape(part, sub), Quantity_Color(red, green, blue, Quantity_TOC_RGB), XCAFDoc_ColorSurf);
+  };
+  paint(faces_of(second)(4), 0, 0, 1);  // before the solid
+  paint(second, 1, 0, 0);
+  paint(faces_of(second)(5), 0, 1, 0);  // after it
+  const auto path = std::filesystem::temp_directory_path() / "deform_parts_colours.step";
+  STEPCAFControl_Controller::Init();
+  Model millimetres;
+  keep_unit("millimetre", millimetres);
+  STEPCAFControl_Writer writer;
+  Interface_Static::SetIVal("write.stepcaf.subshapes.name", 1);
+  writer.SetNameMode(true);
+  writer.SetColorMode(true);
+  ASSERT_TRUE(writer.Transfer(document, STEPControl_AsIs));
+  writer.Write(path.c_str());
+
+  const auto expect_marks = [](const std::filesystem::path& file) {
+    const Document read = read_document(file);
+    ASSERT_EQ(read.parts.size(), 1u);
+    std::map<int, FaceMark> marks;
+    for (const FaceMark& mark : read.parts[0].faces) EXPECT_TRUE(marks.emplace(mark.face, mark).second) << "one for each face";
+    for (int f = 0; f < 6; ++f) EXPECT_EQ(marks.count(f), 0u) << f;
+    for (int f = 6; f < 12; ++f) {
+      ASSERT_EQ(marks.count(f), 1u) << f;
+      EXPECT_EQ(marks[f].name, f == 7 ? "inlet" : "");
+      ASSERT_TRUE(marks[f].colour) << f;
+      const Quantity_Color& colour = marks[f].colour->GetRGB();
+      EXPECT_NEAR(colour.Red(), f == 9 || f == 10 ? 0 : 1, 0.01) << f;
+      EXPECT_NEAR(colour.Blue(), f == 9 ? 1 : 0, 0.01) << f;
+      EXPECT_NEAR(colour.Green(), f == 10 ? 1 : 0, 0.01) << f;
+    }
+  };
+  expect_marks(path);
+  const auto again = std::filesystem::temp_directory_path() / "deform_parts_colours_again.step";
+  write_document(read_document(path), again);
+  expect_marks(again);
+  std::filesystem::remove(path);
+  std::filesystem::remove(again);
+}
+
+TEST(CadModel, MergedFacesStayInTheUnitOfTheFile) {
+  const TopoDS_Shape halves =
+      BRepAlgoAPI_Fuse(BRepPrimAPI_MakeBox(1, 2, 3).Shape(), BRepPrimAPI_MakeBox(gp_Pnt(1, 0, 0), 1, 2, 3).Shape()).Shape();
+  Model model = make_model(halves, "halves.step");
+  keep_unit("INCH", model);
+  const Model merged = unified(model);
+  EXPECT_EQ(merged.face_count(), 6);
+  EXPECT_EQ(merged.edge_count(), 12);
+  EXPECT_EQ(merged.unit, 0.0254);
+  EXPECT_EQ(merged.name, "halves.step");
+  EXPECT_THAT(merged.notes,
+              testing::ElementsAre(HasSubstr("is in inch."), HasSubstr("10 faces and 20 edges were merged to 6 and 12")));
+}
+
+TEST(CadFaults, AllShapesAreLookedAt) {
+  EXPECT_EQ(faults_of(BRepPrimAPI_MakeBox(1, 2, 3).Shape()), "");
+  // A sheet whose rim crosses itself, after a sound one and before it.
+  const auto sheet = [](const std::array<gp_Pnt, 4>& p) -> TopoDS_Shape {
+    const TopoDS_Wire wire = BRepBuilderAPI_MakePolygon(p[0], p[1], p[2], p[3], true).Wire();
+    return BRepBuilderAPI_MakeFace(gp_Pln(gp::Origin(), gp::DZ()), wire, true).Shape();
+  };
+  const TopoDS_Shape sound = sheet({gp_Pnt(0, 0, 0), gp_Pnt(1, 0, 0), gp_Pnt(1, 1, 0), gp_Pnt(0, 1, 0)});
+  const TopoDS_Shape crossed = sheet({gp_Pnt(3, 0, 0), gp_Pnt(4, 1, 0), gp_Pnt(4, 0, 0), gp_Pnt(3, 1, 0)});
+  EXPECT_THAT(faults_of(together(sound, crossed)), HasSubstr("loop 2 on face 2: "));
+  EXPECT_THAT(faults_of(together(crossed, sound)), HasSubstr("loop 1 on face 1: "));
+}
+
+TEST(FaceRegion, CurvesThatMeetOnlyAlmostAreJoined) {
+  // The right side of the unit square ends 0.1 before its corners.
+  const Handle(Geom_Plane) plane = new Geom_Plane(gp::XOY());
+  TopoDS_Face face;
+  const BRep_Builder builder;
+  builder.MakeFace(face, plane, 1e-7);
+  TopoDS_Wire wire;
+  builder.MakeWire(wire);
+  const auto add = [&](const gp_Pnt2d& from, const gp_Pnt2d& to) {
+    TopoDS_Edge edge;
+    builder.MakeEdge(edge);
+    builder.UpdateEdge(edge, new Geom2d_Line(from, gp_Dir2d(to.XY() - from.XY())), face, 0.2);
+    builder.Range(edge, 0, from.Distance(to));
+    builder.Add(wire, edge);
+  };
+  add({0, 0}, {1, 0});
+  add({1, 0.1}, {1, 0.9});
+  add({1, 1}, {0, 1});
+  add({0, 1}, {0, 0});
+  builder.Add(face, wire);
+  const FaceRegion region(face);
+  for (const double v : {0.05, 0.5, 0.95}) {
+    EXPECT_TRUE(region.contains(0.5, v)) << v;
+    EXPECT_TRUE(region.contains(0.99, v)) << v;
+    EXPECT_FALSE(region.contains(1.01, v)) << v;
+  }
+}
+
+}  // namespace
+}  // namespace deform::cad
