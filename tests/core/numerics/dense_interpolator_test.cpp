@@ -11,6 +11,7 @@
 #include <map>
 #include <string>
 #include <thread>
+#include <tuple>
 #include <vector>
 
 #include "core/numerics/interpolation/value_errors.h"
@@ -154,6 +155,28 @@ TEST(DenseInterpolator, NearlyCoincidentCentresFallBackToLdlt) {
   tight.memory_limit = 1000;
   test::expect_error(ErrorCode::out_of_budget, {"LDL^T needs", "available"},
                      [&] { DenseInterpolator(centres, tight, RunContext{}); });
+}
+
+// Columns of a boundary layer: Cholesky goes through, but refinement does not converge with its factor.
+TEST(DenseInterpolator, ThinLayersFallBackToLdlt) {
+  for (const auto& [columns, first, layers] : {std::tuple{60u, 2e-5, 6}, std::tuple{150u, 3e-5, 3}}) {
+    std::vector<Vec3> centres;
+    for (const Vec3& x : test::random_points(columns, 8)) {
+      for (int layer = 0; layer < layers; ++layer) centres.push_back({x[0], x[1], first * (std::pow(1.3, layer) - 1) / 0.3});
+    }
+    const MatrixXd F = smooth_values(centres);
+    const DenseInterpolator cholesky = make(centres, {}, Solver::cholesky), system = make(centres, {}, Solver::automatic);
+    ASSERT_FALSE(cholesky.interpolate(F, 0).converged) << cholesky.condition();
+    EXPECT_EQ(system.solver(), Solver::ldlt);
+    ASSERT_EQ(system.notes().size(), 1u);
+    EXPECT_THAT(system.notes()[0], testing::HasSubstr("hardly a correct digit"));
+    const Interpolants found = system.interpolate(F, 0);
+    EXPECT_TRUE(found.converged);
+    EXPECT_LT((bordered(system).topRows(F.rows()) * found.coefficients - F).cwiseAbs().maxCoeff(), 1e-9);
+    InterpolationOptions tight;
+    tight.memory_limit = 1000;  // rather than nothing
+    EXPECT_EQ(DenseInterpolator(centres, tight, RunContext{}).solver(), Solver::cholesky);
+  }
 }
 
 TEST(DenseInterpolator, ConditionEstimateIsNearTheTruth) {
