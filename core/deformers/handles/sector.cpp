@@ -229,7 +229,9 @@ void Sector::check_patches(const SectorOptions& options, const Mesh& mesh, std::
 
 std::string Sector::note() const {
   return "Sector: one of " + std::to_string(count()) + "; " + std::to_string(pairs_.size()) +
-         " pairs of points on the periodic boundaries, " + std::to_string(axis_points_.size()) + " points on the axis.";
+         " pairs of points on the periodic boundaries, " + std::to_string(axis_points_.size()) + " points on the axis." +
+         (pairs_.empty() ? " If the mesh ends in periodic boundaries, `axis` or `count` is wrong: name them with `periodic`."
+                         : "");
 }
 
 std::size_t Sector::bytes() const {

@@ -424,7 +424,9 @@ TEST(Sector, NeedsNoPeriodicBoundaries) {
   setup.fixed = {{inner}};
   const auto system = prepare(test::shared(std::move(part)), setup);
   EXPECT_THAT(system->info().notes,
-              testing::Contains("Sector: one of 7; 0 pairs of points on the periodic boundaries, 0 points on the axis."));
+              testing::Contains(
+                  "Sector: one of 7; 0 pairs of points on the periodic boundaries, 0 points on the axis. If the mesh ends in "
+                  "periodic boundaries, `axis` or `count` is wrong: name them with `periodic`."));
   const Points got = system->evaluate(model.design());
   EXPECT_LT(distance_of_first(got, prepare(whole.wheel, whole.setup)->evaluate(whole.design)), 1e-10);
 }
