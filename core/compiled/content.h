@@ -66,7 +66,7 @@ struct Basis {
   std::vector<double> residuals;    ///< per field: largest error at the handle and fixed points
   std::vector<double> more;         ///< per field: what is added to the errors below
   std::vector<double> compression;  ///< per field: by how much a stored value may be off
-  std::vector<double> errors;       ///< exact - stored value, estimated, at some points: points x fields, row by row
+  std::vector<double> errors;       ///< see Content::misfits; at some points: points x fields, row by row
   std::vector<double>
       values;  ///< tile by tile, in a tile field by field, of a field the 16 points; behind the last of no meaning
   /// To write the values in less memory: see coded_fields.h. Readers put the values in their place.
@@ -94,7 +94,10 @@ struct Content {
   double allowed_error = 0;       ///< of a design that has converged, as a fraction of D or of a larger motion; 0: none is set
   double condition = 0;           ///< of the matrix that was factored, estimated; 0: not known
   bool converged = true;          ///< the basis is what its solver was to reach
-  bool held = true;               ///< points of handles and fixed regions go where these send them, and do not follow
+  /// The errors of the bases are prescribed - actual values at points of handles and fixed regions, and not estimates of
+  /// exact - stored values at points that follow.
+  bool misfits = false;
+  bool held = true;  ///< points of handles and fixed regions go where these send them, and do not follow
 
   std::uint32_t planes = 0;  ///< symmetry planes
   bool sector = false;       ///< of a wheel; then there are no planes

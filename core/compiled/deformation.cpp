@@ -592,7 +592,6 @@ Report Deformation::report(std::span<const double> variables) const {
       }
     }
   }
-  report.interpolation_residual = norm(residual);
   double largest = 0;
   const std::size_t places = content_.bases[0].errors.size() / fields;
   for (std::size_t s = 0; s < places && std::isfinite(largest); ++s) {
@@ -606,7 +605,9 @@ Report Deformation::report(std::span<const double> variables) const {
     const double length = norm(error);
     largest = std::isfinite(length) ? std::max(largest, length) : std::numeric_limits<double>::infinity();
   }
-  const double basis_error = content_.error_margin * largest + norm(more);
+  report.interpolation_residual = content_.misfits ? largest : norm(residual);
+  const double checked = content_.misfits ? (content_.held ? largest : 0) : content_.error_margin * largest;
+  const double basis_error = checked + norm(more);
   double rounded = 0;
   for (const Affine& map : maps) {
     if (map != identity_affine) rounded = std::max(rounded, largest_terms(map, content_.largest_coordinate));

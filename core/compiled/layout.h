@@ -67,7 +67,7 @@ inline constexpr std::size_t most_payload = std::size_t{1} << 20;  ///< bytes
 
 constexpr std::size_t padded(std::size_t bytes) { return (bytes + 7) / 8 * 8; }
 
-enum HeadFlags : std::uint32_t { flag_converged = 1, flag_held = 2, flag_sector = 4 };
+enum HeadFlags : std::uint32_t { flag_converged = 1, flag_held = 2, flag_sector = 4, flag_misfits = 8 };
 
 struct Head {
   std::uint32_t flags = 0;

@@ -158,7 +158,7 @@ void Parser::read_head() {
   if (head_.points == 0 || head_.points > following_region) refuse(std::to_string(head_.points) + " points");
   if (head_.bases == 0 || head_.bases > most_bases) refuse(std::to_string(head_.bases) + " bases");
   if (head_.planes > most_planes) refuse(std::to_string(head_.planes) + " symmetry planes");
-  if ((head_.flags & ~std::uint32_t{flag_converged | flag_held | flag_sector}) != 0) refuse("unknown flags");
+  if ((head_.flags & ~std::uint32_t{flag_converged | flag_held | flag_sector | flag_misfits}) != 0) refuse("unknown flags");
   const bool sector = (head_.flags & flag_sector) != 0;
   if (sector && head_.planes > 0) refuse("symmetry planes of a sector");
   std::uint32_t seen = 0;
@@ -196,6 +196,7 @@ void Parser::allocate() {
   c.condition = head_.condition;
   c.converged = (head_.flags & flag_converged) != 0;
   c.held = (head_.flags & flag_held) != 0;
+  c.misfits = (head_.flags & flag_misfits) != 0;
   c.planes = head_.planes;
   c.sector = (head_.flags & flag_sector) != 0;
   c.plane_axes = head_.plane_axes;

@@ -43,7 +43,8 @@ std::array<std::uint8_t, 32> id_bytes(const std::string& id, const std::string& 
 
 Head head_of(const Content& content) {
   Head head;
-  head.flags = (content.converged ? flag_converged : 0u) | (content.held ? flag_held : 0u) | (content.sector ? flag_sector : 0u);
+  head.flags = (content.converged ? flag_converged : 0u) | (content.held ? flag_held : 0u) | (content.sector ? flag_sector : 0u) |
+               (content.misfits ? flag_misfits : 0u);
   head.handles = static_cast<std::uint32_t>(content.handles.size());
   head.variables = static_cast<std::uint32_t>(content.variables.size());
   head.bases = static_cast<std::uint32_t>(content.bases.size());

@@ -203,7 +203,8 @@ Estimate estimate_of(const Options& options, const Mesh& mesh, const Setup& setu
   const bool basis = setup.constraints.empty() && wants_basis(options.basis, basis_bytes, solver);
   estimate.basis_bytes = basis ? basis_bytes : 0;
   const std::size_t points = point_bytes(mesh.point_count(), regions.symmetry);
-  estimate.resident_bytes = estimate.factor_bytes + estimate.basis_bytes + points;
+  const std::size_t checked = basis && !sizes.eliminated ? std::min(HandleBasis::most_held, sizes.held) : 0;
+  estimate.resident_bytes = estimate.factor_bytes + estimate.basis_bytes + points + checked * fields * sizeof(double);
   const std::size_t making = basis ? HandleBasis::peak_bytes_for(following, fields, options.basis_tolerance) : 0;
   const std::size_t solving = making + 8 * sizes.functions * 3 * sizeof(double);
   const std::size_t working = sizes.constrained.working + placement.working;

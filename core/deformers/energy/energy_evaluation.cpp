@@ -53,8 +53,8 @@ void EnergyEvaluation::solve(const RunContext& context) {
   for_each_direct(context, [&](std::size_t i) {
     solutions_[i] = system_.solve(system_.prescribed(designs_[i], kind_).h * system_.box_.scale, context);
     report_misfit(i);
-    const auto& errors = solutions_[i].errors;
-    set_error(i, norm({errors[0], errors[1], errors[2]}));
+    const auto error = [&](std::size_t c) { return system_.error(solutions_[i], c); };
+    set_error(i, norm({error(0), error(1), error(2)}));
   });
 }
 
@@ -81,7 +81,8 @@ void EnergyEvaluation::solve_constrained(std::size_t design, WarmStart* warm, co
   report.convergence_error = result.error * D;
   double left = 0;
   for (const Eigen::MatrixXd& w : result.left) left += system_.largest_displacement(w * D, context);
-  set_error(design, convergence_margin * left + system_.linear_error_ * report.prescribed_displacement);
+  const double missed = system_.hard_handles() ? report.interpolation_residual : 0;
+  set_error(design, convergence_margin * left + system_.linear_error_ * report.prescribed_displacement + missed);
   measure_constraints(design, result);
 }
 

@@ -4,6 +4,9 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <map>
+#include <numeric>
+#include <string>
 #include <utility>
 
 #include "core/base/number_text.h"
@@ -16,7 +19,6 @@ namespace deform {
 
 namespace {
 
-constexpr std::size_t most_checked_points = 256;  // held points at which a solution is checked
 constexpr std::size_t basis_tiles_per_task = 64;
 constexpr std::size_t checked_points = 96;  // at which errors are estimated
 constexpr double noted_misfit = 1e-2;       // of a shift of the handles
@@ -33,6 +35,26 @@ SparseMatrix transposed_rows(const FunctionRows& values, const std::vector<Point
   }
   result.makeCompressed();
   return result;
+}
+
+/// A number for each handle, the same for those that the same variables drive, as a handle and its images in symmetry planes.
+std::vector<std::size_t> driven_groups(const Setup& setup) {
+  std::map<std::vector<std::size_t>, std::size_t> groups;
+  std::vector<std::size_t> group_of;
+  for (std::size_t h = 0; h < setup.handles.size(); ++h) {
+    const std::string& name = setup.handles[h].name;
+    std::vector<std::size_t> driven_by;
+    for (std::size_t k = 0; k < setup.variables.size(); ++k) {
+      const DesignVariable& variable = setup.variables[k];
+      const bool drives = variable.handle == name || std::any_of(variable.also.begin(), variable.also.end(),
+                                                                 [&](const DrivenHandle& also) { return also.handle == name; });
+      if (drives) driven_by.push_back(k);
+    }
+    if (driven_by.empty()) driven_by.push_back(setup.variables.size() + h);
+    const std::size_t next = groups.size();
+    group_of.push_back(groups.emplace(driven_by, next).first->second);
+  }
+  return group_of;
 }
 
 }  // namespace
@@ -85,16 +107,16 @@ void EnergySystem::prepare_solver(const RunContext& context, std::size_t memory_
   correction_ = std::make_unique<const ResidualCorrection>(unit_places(*mesh_, box_, model_.held),
                                                            ResidualCorrection::centres_for(following().size()), context);
   following_places_ = TiledPoints(unit_places(*mesh_, box_, following()));
-  const Eigen::MatrixXd shifts = shifted_handles();
+  const Eigen::MatrixXd shifts = shifted_handles(driven_groups(setup_));
   missed_ = misfit(shifts, solver_->solve(shifts, context)).cwiseAbs().maxCoeff();
 }
 
-/// A load: the handles shifted by one, in alternating directions.
-Eigen::MatrixXd EnergySystem::shifted_handles() const {
+/// A load: the handles shifted by one, in directions that alternate with their groups.
+Eigen::MatrixXd EnergySystem::shifted_handles(const std::vector<std::size_t>& group_of) const {
   Eigen::MatrixXd shifts = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(model_.held.size()), 1);
   for (std::size_t j = 0; j < model_.held.size(); ++j) {
     const RegionIndex region = points_.region_of[model_.held[j]];
-    if (region != fixed_region) shifts(static_cast<Eigen::Index>(j), 0) = region % 2 == 0 ? 1 : -1;
+    if (region != fixed_region) shifts(static_cast<Eigen::Index>(j), 0) = group_of[region] % 2 == 0 ? 1 : -1;
   }
   return shifts;
 }
@@ -110,7 +132,9 @@ void EnergySystem::prepare_constraints(ConstraintSets constraints, const RunCont
   options.most_iterations = setup_.constraint_options.iterations;
   constrained_ = std::make_unique<const ConstrainedSolver>(*solver_, model_.space.functions(), std::move(constraints.sets),
                                                            options, limit, context);
-  linear_error_ = solve(shifted_handles(), context).errors[0];
+  std::vector<std::size_t> each(frames_.size());
+  std::iota(each.begin(), each.end(), std::size_t{0});
+  linear_error_ = solve(shifted_handles(each), context).errors[0];
   const bool exact = std::any_of(constraint_of_.begin(), constraint_of_.end(),
                                  [&](std::size_t constraint) { return setup_.constraints[constraint].exact; });
   if (exact) {
@@ -205,8 +229,7 @@ double EnergySystem::largest_displacement(const Eigen::MatrixXd& w, const RunCon
   return largest;
 }
 
-/// Estimates errors from the uncertainty of the solution and, for hard handles, from the remaining misfit at the held points,
-/// which affects the points next to them.
+/// Estimates errors from the uncertainty of the solution.
 void EnergySystem::measure_errors(const EnergyField& change, Solution& solution, const RunContext& context) const {
   constexpr double rounding = 4 * std::numeric_limits<double>::epsilon();
   const auto columns = static_cast<std::size_t>(change.w.cols());
@@ -231,7 +254,7 @@ void EnergySystem::measure_errors(const EnergyField& change, Solution& solution,
     if (!places.empty()) {
       error += correction_->rounding(solution.field.correction.col(static_cast<Eigen::Index>(c)), places, context);
     }
-    error = error_margin * error + (hard_handles() ? solution.misfits[c] : 0.0);
+    error *= error_margin;
   }
 }
 
@@ -243,12 +266,15 @@ EnergySystem::Solution EnergySystem::completed(const Eigen::MatrixXd& h, const E
   solution.misfits.assign(static_cast<std::size_t>(h.cols()), 0.0);
   if (model_.eliminated) return solution;
   if (correction_) solution.field.correction = correction_->coefficients(misfit(h, w), context);
-  measure(h, solution);
+  const Eigen::MatrixXd missed = sampled_misfit(h, solution.field);
+  for (Eigen::Index c = 0; c < missed.cols() && missed.rows() > 0; ++c) {
+    solution.misfits[static_cast<std::size_t>(c)] = missed.col(c).cwiseAbs().maxCoeff();
+  }
   return solution;
 }
 
-void EnergySystem::measure(const Eigen::MatrixXd& h, Solution& solution) const {
-  const std::size_t count = std::min(most_checked_points, model_.held.size());
+Eigen::MatrixXd EnergySystem::sampled_misfit(const Eigen::MatrixXd& h, const EnergyField& field) const {
+  const std::size_t count = std::min(HandleBasis::most_held, model_.held.size());
   std::vector<Vec3> places(count);
   std::vector<std::size_t> which(count);
   for (std::size_t s = 0; s < count; ++s) {
@@ -258,21 +284,23 @@ void EnergySystem::measure(const Eigen::MatrixXd& h, Solution& solution) const {
   const TiledPoints tiled(places);
   const FunctionRows functions = model_.space.functions();
   const auto columns = static_cast<std::size_t>(h.cols());
+  Eigen::MatrixXd missed(static_cast<Eigen::Index>(count), h.cols());
   std::vector<double> values(columns * tile_size);
   for (std::size_t t = 0; t < tiled.tiles(); ++t) {
     std::fill(values.begin(), values.end(), 0.0);
-    if (correction_) correction_->add_values(tiled.tile(t), solution.field.correction.data(), columns, values.data());
+    if (correction_) correction_->add_values(tiled.tile(t), field.correction.data(), columns, values.data());
     for (std::size_t s = t * tile_size; s < std::min((t + 1) * tile_size, count); ++s) {
       for (std::size_t c = 0; c < columns; ++c) {
         double value = values[c * tile_size + s % tile_size];
         functions.for_each(model_.held[which[s]], [&](std::int64_t column, double weight) {
-          value += weight * solution.field.w(column, static_cast<Eigen::Index>(c));
+          value += weight * field.w(column, static_cast<Eigen::Index>(c));
         });
         const double target = h(static_cast<Eigen::Index>(which[s]), static_cast<Eigen::Index>(c));
-        solution.misfits[c] = std::max(solution.misfits[c], std::abs(value - target));
+        missed(static_cast<Eigen::Index>(s), static_cast<Eigen::Index>(c)) = target - value;
       }
     }
   }
+  return missed;
 }
 
 void EnergySystem::fill_tile(const Solution& solution, std::size_t tile, double* out) const {
@@ -309,8 +337,20 @@ void EnergySystem::prepare_basis(const RunContext& context, std::size_t memory_b
   const std::size_t making = HandleBasis::peak_bytes_for(following().size(), fields(), options_.basis_tolerance);
   if (memory_budget != 0 && options_.basis == BasisMode::automatic && solver_->bytes() + making > memory_budget) return;
   HandleBasis basis{{0, 1, 2}, FieldTiles(following().size(), fields()), {}};
+  const std::size_t checked = model_.eliminated ? 0 : std::min(HandleBasis::most_held, model_.held.size());
+  if (checked > 0) basis.checked = HandleBasis::Checked::held;
+  basis.errors.resize(checked * fields());
   for (std::size_t h = 0; h < frames_.size(); ++h) {
-    const Solution solution = solve(fields_at_held(h), context);
+    const Eigen::MatrixXd at_held = fields_at_held(h);
+    const Solution solution = solve(at_held, context);
+    if (checked > 0) {
+      const Eigen::MatrixXd missed = sampled_misfit(at_held, solution.field);
+      for (Eigen::Index s = 0; s < missed.rows(); ++s) {
+        for (Eigen::Index f = 0; f < 4; ++f) {
+          basis.errors[static_cast<std::size_t>(s) * fields() + 4 * h + static_cast<std::size_t>(f)] = missed(s, f);
+        }
+      }
+    }
     basis.residuals.insert(basis.residuals.end(), solution.misfits.begin(), solution.misfits.end());
     basis.more.insert(basis.more.end(), solution.errors.begin(), solution.errors.end());
     parallel_for(context, tile_count(following().size()), basis_tiles_per_task, [&](std::size_t begin, std::size_t end) {
@@ -328,9 +368,10 @@ void EnergySystem::fill_info() {
   info_.reduced = model_.eliminated && model_.held.size() < info_.constraint_points;
   info_.condition = 1 / std::max(solver_->factor().reciprocal_condition(), 1e-300);
   info_.design_bytes = constrained_ ? constrained_->working_bytes() : 0;
+  const std::size_t checks = has_basis() ? basis_.front().errors.size() * sizeof(double) : 0;
   set_bytes(solver_->bytes() + (constrained_ ? constrained_->bytes() : 0) + (correction_ ? correction_->bytes() : 0) +
                 following_places_.bytes() + set_places_.bytes() + (exact_ ? exact_->bytes() : 0),
-            model_.space.value_bytes());
+            model_.space.value_bytes() + checks);
   info_.notes = model_.space.notes;
   if (info_.reduced) {
     info_.notes.push_back(std::to_string(model_.held.size()) + " of " + std::to_string(info_.constraint_points) +

@@ -22,7 +22,7 @@ using MakeEnergyModel = std::function<EnergyModel(const std::vector<RegionIndex>
 /// Differences from System:
 ///  - Hard handles: handle and fixed points are set exactly, as for RBF. The shell eliminates them. Other spaces cannot represent
 ///    every prescribed displacement; their misfit is interpolated and added (ResidualCorrection). report().interpolation_residual
-///    is the largest remaining misfit at up to 256 handle and fixed points (an upper bound on the basis path), 0 for the shell.
+///    is the largest remaining misfit at up to 256 handle and fixed points, 0 for the shell.
 ///  - Soft handles (thesis eq. 8.8): handle and fixed points follow the solution like all others. The mean square misfit of each
 ///    handle, and of the fixed points, has the weight `fixing`; interpolation_residual is the largest misfit.
 ///  - Constraints (thesis 8.5) are solved for in bind(), starting each design from its unconstrained deformation, so that
@@ -48,7 +48,8 @@ class EnergySystem : public HandleSystem {
     EnergyField field;
     ExactStep::Step exact;
     std::vector<double> misfits;  ///< largest |value - prescribed| of each column at the sampled handle and fixed points
-    std::vector<double> errors;   ///< estimated largest error of each column at the following points; empty if not measured
+    /// Estimated largest error of each column at the following points, but for `misfits`; empty if not measured.
+    std::vector<double> errors;
   };
 
   /// The prescribed displacements or their derivatives, in units of D.
@@ -72,10 +73,15 @@ class EnergySystem : public HandleSystem {
   void prepare_basis(const RunContext& context, std::size_t memory_budget);
   void fill_info();
   Eigen::MatrixXd fields_at_held(std::size_t handle) const;
-  Eigen::MatrixXd shifted_handles() const;
+  Eigen::MatrixXd shifted_handles(const std::vector<std::size_t>& group_of) const;
   Solution solve(const Eigen::MatrixXd& h, const RunContext& context) const;
   Eigen::MatrixXd misfit(const Eigen::MatrixXd& h, const Eigen::MatrixXd& w) const;
-  void measure(const Eigen::MatrixXd& h, Solution& solution) const;
+  /// Prescribed - actual values at the sampled handle and fixed points, one row each.
+  Eigen::MatrixXd sampled_misfit(const Eigen::MatrixXd& h, const EnergyField& field) const;
+  /// The estimated largest error of column c: with hard handles the misfit affects the points next to them.
+  double error(const Solution& solution, std::size_t c) const {
+    return solution.errors[c] + (hard_handles() ? solution.misfits[c] : 0.0);
+  }
   void measure_errors(const EnergyField& change, Solution& solution, const RunContext& context) const;
   /// Of the points of the sets and at samples of the following points, for coefficients w (k x 3).
   double largest_displacement(const Eigen::MatrixXd& w, const RunContext& context) const;
@@ -100,7 +106,7 @@ class EnergySystem : public HandleSystem {
   std::unique_ptr<const ExactStep> exact_;                ///< null without exact constraints
   std::vector<std::uint32_t> samples_;                    ///< following points at which errors are measured
   double missed_ = 0;             ///< with a correction: largest misfit of the functions where handles shift, over the shift
-  double linear_error_ = 0;       ///< with constraints: error of the linear solves, relative to the motion
+  double linear_error_ = 0;       ///< with constraints: error of the linear solves but for misfits, relative to the motion
   TiledPoints following_places_;  ///< unit coordinates; only with a correction or exact constraints
 };
 

@@ -49,7 +49,7 @@ void DirectEvaluation::report_controls() {
     DesignReport& report = reports_[i];
     if (!is_direct(i)) {
       const Eigen::MatrixXd missed = system_.missed_ * system_.affine_coefficients(designs_[i], kind_);
-      report.misfit = missed.rowwise().norm().maxCoeff();
+      report.interpolation_residual = report.misfit = missed.rowwise().norm().maxCoeff();
     }
     report.control_displacement = controls.rowwise().norm().maxCoeff();
     if (report.control_displacement <= far * report.prescribed_displacement) continue;

@@ -31,7 +31,7 @@ using MakeDirectModel = std::function<DirectModel(const std::vector<RegionIndex>
 /// Direct manipulation of a lattice or a cage (thesis 3.3): the control points move such that the handle and fixed points are
 /// matched best, in the sense of ClampedInverse or DampedInverse. All points follow the control points, including those of
 /// handles and fixed regions, which are matched only approximately: report().interpolation_residual is the largest misfit at any
-/// of them (an upper bound on the basis path). Points at which all functions are zero stay at rest.
+/// of them. Points at which all functions are zero stay at rest.
 class DirectSystem : public HandleSystem {
  public:
   /// Throws the errors of `make` and ClampedInverse.

@@ -21,7 +21,12 @@ struct HandleBasis {
   std::vector<std::size_t> components;
   FieldTiles tiles;
   std::vector<double> residuals;  ///< largest |value - prescribed value| of each field over the handle and fixed points
-  /// Estimates of exact - stored values, checked points x fields, row-major. All bases of a system use the same points.
+  /// What `errors` are: estimates of exact - stored values at following points, or prescribed - actual values at handle and fixed
+  /// points. The latter give the misfit of a design, which is far less than `residuals` where its handles move together.
+  enum class Checked { following, held };
+  Checked checked = Checked::following;
+  static constexpr std::size_t most_held = 256;  ///< handle and fixed points at which errors are kept
+  /// Checked points x fields, row-major. All bases of a system use the same points.
   std::vector<double> errors{};
   /// For each field an allowance for larger errors at other points, or the whole error if nothing else is known; may be empty.
   std::vector<double> more{};

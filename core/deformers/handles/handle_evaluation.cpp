@@ -94,7 +94,7 @@ void HandleEvaluation::set_basis_coefficients() {
         }
       }
     }
-    reports_[i].interpolation_residual = norm(bound);
+    reports_[i].interpolation_residual = measures_misfits() ? largest_checked(i) : norm(bound);
     set_error(i, basis_error(i, error_margin) + compression_error(i));
     reports_[i].converged = converged;
   }
@@ -123,7 +123,11 @@ const double* HandleEvaluation::coefficients(std::size_t basis, std::size_t fiel
   return coefficients_[basis].data() + (field * basis_designs_ + slot_[design]) * system_->basis_[basis].components.size();
 }
 
-double HandleEvaluation::basis_error(std::size_t design, double margin) const {
+bool HandleEvaluation::measures_misfits() const {
+  return !system_->basis_.empty() && system_->basis_[0].checked == HandleBasis::Checked::held;
+}
+
+double HandleEvaluation::largest_checked(std::size_t design) const {
   const auto& bases = system_->basis_;
   const std::size_t fields = system_->fields();
   const std::size_t places = bases.empty() ? 0 : bases[0].errors.size() / fields;
@@ -140,6 +144,17 @@ double HandleEvaluation::basis_error(std::size_t design, double margin) const {
     if (!std::isfinite(length)) return std::numeric_limits<double>::infinity();
     largest = std::max(largest, length);
   }
+  return largest;
+}
+
+double HandleEvaluation::basis_error(std::size_t design, double margin) const {
+  const auto& bases = system_->basis_;
+  double largest = 0;
+  if (!measures_misfits()) {
+    largest = margin * largest_checked(design);
+  } else if (system_->hard_handles()) {
+    largest = reports_[design].interpolation_residual;
+  }
   Vec3 sums{};
   for (std::size_t b = 0; b < bases.size(); ++b) {
     for (std::size_t f = 0; f < bases[b].more.size(); ++f) {
@@ -147,7 +162,7 @@ double HandleEvaluation::basis_error(std::size_t design, double margin) const {
       for (const std::size_t k : bases[b].components) sums[k] += bases[b].more[f] * std::abs(*row++);
     }
   }
-  return margin * largest + norm(sums);
+  return largest + norm(sums);
 }
 
 double HandleEvaluation::compression_error(std::size_t design) const {

@@ -46,7 +46,7 @@ class HandleEvaluation : public Evaluation {
   virtual void replace_points(std::size_t begin, std::size_t end, std::size_t first, std::span<Vec3* const> out) const;
 
   /// The error of a design on the basis path that results from the errors of the bases, model units: `margin` times the largest
-  /// norm at the checked points, plus that of the sums; 0 if they are unknown.
+  /// norm at the checked points, or with hard handles the largest misfit, plus that of the sums; 0 if they are unknown.
   double basis_error(std::size_t design, double margin) const;
   /// The largest error of a design on the basis path that the compression of the bases can cause, model units.
   double compression_error(std::size_t design) const;
@@ -83,6 +83,10 @@ class HandleEvaluation : public Evaluation {
   void choose_paths(EvaluationPath path);
   void set_basis_coefficients();
   void choose_fields();
+  /// Whether the bases have their errors at handle and fixed points.
+  bool measures_misfits() const;
+  /// The largest norm of the errors of a design on the basis path at the checked points, model units.
+  double largest_checked(std::size_t design) const;
   void evaluate_prescribed(std::size_t begin, std::size_t end, std::size_t first, std::span<Vec3* const> out) const;
   struct Pass;
   void evaluate_following(std::size_t begin, std::size_t end, std::size_t first, std::span<Vec3* const> out) const;

@@ -16,7 +16,7 @@ namespace deform {
 namespace {
 
 /// Another one whenever bytes that were written before would mean something else: then they are not read any more.
-constexpr std::array<char, 16> layout_tag{"deform.basis.2"};
+constexpr std::array<char, 16> layout_tag{"deform.basis.3"};
 
 [[noreturn]] void refuse_bytes(const std::string& why) { throw Error(ErrorCode::data_loss, "stored basis: " + why); }
 
@@ -144,6 +144,7 @@ void visit_basis(Archive& archive, Basis& basis) {
   archive.value(basis.converged);
   archive.value(basis.turned);
   archive.array(basis.residuals);
+  archive.value(basis.checked);
   archive.array(basis.errors);
   archive.array(basis.more);
   archive.tiles(basis.tiles);
@@ -244,6 +245,7 @@ void StoredBasis::check_fits(const HandleSystem& system) const {
     const bool whole = basis.compressed ? basis.compressed->fits(following, fields)
                                         : basis.tiles.points() == following && basis.tiles.fields() == fields;
     require(whole && basis.residuals.size() == fields && basis.errors.size() == bases.front().errors.size() &&
+                basis.checked == bases.front().checked && basis.checked <= HandleBasis::Checked::held &&
                 basis.errors.size() % fields == 0 && (basis.more.empty() || basis.more.size() == fields) &&
                 basis.compressed.has_value() == bases.front().compressed.has_value(),
             "fields");

@@ -255,5 +255,22 @@ TEST(CompiledDeformation, ReportsErrorsAsTheBasisHasThem) {
   EXPECT_TRUE(Deformation(blend.content).report(std::vector<double>{0.5, 0, 0, 0, 0}).converged);
 }
 
+TEST(CompiledDeformation, ReportsMisfitsWhereTheBasisHasThem) {
+  test::Blend blend(200);
+  blend.content.misfits = true;
+  const double length = std::hypot(0.05, 0.5);
+  const double rounding = (2 + std::sqrt(2.05 * 2.05 + 2 * 2 + 2.5 * 2.5)) * std::numeric_limits<double>::epsilon();
+  const Report hard = Deformation(blend.content).report(std::vector<double>{0.5, 0, 0, 0, 0});
+  EXPECT_NEAR(hard.interpolation_residual, 1e-14 * length, 1e-25);
+  EXPECT_NEAR(hard.error, (1e-14 + 1e-13 + 2e-13) * length + rounding, 1e-25);
+  // Points that follow are not off by what handles are missed by.
+  blend.content.held = false;
+  blend.content.bases.clear();
+  blend.add_basis(7);
+  const Report soft = Deformation(blend.content).report(std::vector<double>{0.5, 0, 0, 0, 0});
+  EXPECT_NEAR(soft.interpolation_residual, 1e-14 * length, 1e-25);
+  EXPECT_NEAR(soft.error, (1e-13 + 2e-13) * length + rounding, 1e-25);
+}
+
 }  // namespace
 }  // namespace deform::compiled

@@ -37,6 +37,7 @@ void expect_same(const Content& a, const Content& b) {
   EXPECT_EQ(a.condition, b.condition);
   EXPECT_EQ(a.converged, b.converged);
   EXPECT_EQ(a.held, b.held);
+  EXPECT_EQ(a.misfits, b.misfits);
   EXPECT_EQ(a.planes, b.planes);
   EXPECT_EQ(a.plane_axes, b.plane_axes);
   EXPECT_EQ(a.reach, b.reach);
@@ -163,6 +164,7 @@ TEST(CompiledReader, ReadsWhatWasWritten) {
     test::Blend blend(400, planes);
     blend.content.condition = 1e7;
     blend.content.allowed_error = 1e-6;
+    blend.content.misfits = planes == 1;
     blend.content.controls = {{1, {1, 2, 3}}};
     blend.content.coincident = {{3, 50}, {3, 51}};
     const std::vector<std::byte> bytes = test::file_of(blend.content);
@@ -265,7 +267,7 @@ TEST(CompiledReader, ChecksCountsBeforeItAllocates) {
   refused("components of basis 0", [](Head& head) { head.components[0] = 8; });
   refused("no basis", [](Head& head) { head.components[0] = 3; });
   refused("symmetry planes", [](Head& head) { head.planes = 4; });
-  refused("unknown flags", [](Head& head) { head.flags = 8; });
+  refused("unknown flags", [](Head& head) { head.flags = 16; });
   refused("symmetry planes of a sector", [](Head& head) {
     head.flags |= flag_sector;
     head.planes = 1;

@@ -193,5 +193,26 @@ TEST(ReportedError, FunctionsThatAreCoarserThanHandlesHaveANote) {
   EXPECT_EQ(notes({16, 8, 6}).find("The functions miss"), std::string::npos);
 }
 
+/// Handles that touch are missed where they part, which those that the same variable drives do not, as a handle and its image.
+TEST(ReportedError, HandlesThatAreDrivenTogetherHaveNoNote) {
+  for (const bool together : {true, false}) {
+    deform::Setup setup = test::sheet_setup();
+    setup.handles = {{"low", test::box({1.7, -1, -1}, {3, 0.49, 1})}, {"high", test::box({1.7, 0.49, -1}, {3, 2, 1})}};
+    setup.variables = {{"up", "low", DesignVariable::Translate{{0, 0, 1}}}};
+    if (together) {
+      setup.variables[0].also.push_back({"high", DesignVariable::Translate{{0, 0, 1}}});
+    } else {
+      setup.variables.push_back({"more", "high", DesignVariable::Translate{{0, 0, 1}}});
+    }
+    FfdOptions options;
+    options.lattice.points = {16, 8, 6};
+    setup.method = options;
+    const auto system = prepare(test::shared(test::bumpy_sheet(31, 16)), setup);
+    std::string all;
+    for (const std::string& note : system->info().notes) all += note;
+    EXPECT_EQ(all.find("The functions miss") == std::string::npos, together) << all;
+  }
+}
+
 }  // namespace
 }  // namespace deform

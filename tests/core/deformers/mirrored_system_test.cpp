@@ -123,6 +123,54 @@ TEST(MirroredSystem, TakesDisplacementsPerPoint) {
 }
 
 // Three oblique planes, with the helper that the tests of rbf have.
+/// What the half model's handle and fixed points are missed by.
+double missed_by(const Points& got, const Mesh& mesh, const deform::Setup& setup, const Design& design) {
+  const SelectedRegions regions = validate(setup, mesh);
+  const std::vector<Affine> motions = handle_motions(setup, design.variables);
+  double missed = 0;
+  for (std::size_t h = 0; h < motions.size(); ++h) {
+    for (const PointId id : regions.handles[h])
+      missed = std::max(missed, distance(got[id], transformed(motions[h], mesh.points[id])));
+  }
+  for (const PointId id : regions.fixed) missed = std::max(missed, distance(got[id], mesh.points[id]));
+  return missed;
+}
+
+/// A handle and its image touch in the plane: the fields of each are missed far more than those of both together.
+TEST(MirroredSystem, MisfitsOfSoftHandlesAreThoseOfTheDesign) {
+  const auto half = shared(test::bumpy_sheet(21, 11));
+  for (const auto& [name, method] : methods()) {
+    if (name == "shell") continue;  // has no misfits at points of its own
+    SCOPED_TRACE(name);
+    deform::Setup setup = half_setup(method);
+    std::visit(
+        [](auto& options) {
+          if constexpr (requires { options.handles; }) options.handles = HandleMode::soft;
+        },
+        setup.method);
+    const auto system = prepare(half, setup);
+    const double got = system->bind({&bent, 1}, EvaluationPath::basis, {})->report(0).interpolation_residual;
+    const double missed = missed_by(system->evaluate({&bent, 1}, EvaluationPath::basis)[0], *half, setup, bent);
+    // Of the whole model, whose halves are not quite alike: the mean of both is delivered.
+    EXPECT_GE(got, missed * (1 - 1e-6));
+    EXPECT_LE(got, 1.15 * missed);
+  }
+}
+
+/// With more handle points than the interpolation of misfits has centres.
+TEST(MirroredSystem, ErrorsOfHardHandlesAreThoseOfTheDesign) {
+  const auto half = shared(test::bumpy_sheet(121, 61));
+  const auto system = prepare(half, half_setup(FfdOptions{}));
+  std::vector<Design> designs(4, Design{{0, 0, 0, 0}, {}});
+  for (std::size_t k = 0; k < 4; ++k) designs[k].variables[k] = 0.2;
+  const auto basis = system->bind(designs, EvaluationPath::basis, {}), direct = system->bind(designs, EvaluationPath::direct, {});
+  for (std::size_t i = 0; i < designs.size(); ++i) {
+    EXPECT_GT(direct->report(i).error, 1e-9);
+    EXPECT_LE(basis->report(i).error, 1.01 * direct->report(i).error);
+    EXPECT_GE(basis->report(i).error, 0.57 * direct->report(i).error);  // sqrt(1 / 3): of one point, not of components
+  }
+}
+
 TEST(MirroredSystem, SeveralPlanesInAnyDirection) {
   for (const std::size_t planes : {1u, 2u, 3u}) {
     const test::HalfModel model(planes, test::oblique());
