@@ -427,7 +427,7 @@ TEST_F(SharedStoreTest, without_the_database_calls_are_refused_with_a_hint_until
     EXPECT_NE(a->state().reason(), "");
     EXPECT_EQ(a->claim_preparation(own(id), {}), nullptr) << "preparing does not wait for it";
     control_postgres(std::string(how) == "pause" ? "resume" : "start");
-    EXPECT_TRUE(eventually([&] { return a->state().writable(); }));
+    EXPECT_TRUE(eventually([&] { return a->state().writable() && b->state().writable(); })) << "each finds out by itself";
     EXPECT_EQ(a->load(own(id)).points, mesh.points);
     put(*a, sheet_mesh(4, 4));
     EXPECT_EQ(b->load(own(mesh_id(sheet_mesh(4, 4)))).points, sheet_mesh(4, 4).points);
