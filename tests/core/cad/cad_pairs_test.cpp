@@ -479,15 +479,15 @@ TEST_F(CadSeams, ARodStretchesWhereverItsSeamIs) {
 
 TEST_F(CadSeams, ARimBetweenTwoRoundFacesDoesNotTurnWithTheirSeams) {
   // A cylinder and a cone on it: no face at their common circle but those with the seams.
-  const auto stub = [](double size, double seam) {
+  const auto drum = [](double size, double seam) {
     const gp_Ax2 place(gp_Pnt(0, 0, 2 * size), gp::DZ(), gp_Dir(std::cos(seam), std::sin(seam), 0));
     return joined(rod({0, 0, 0}, {0, 0, 1}, {std::cos(seam), std::sin(seam), 0}, size, 2 * size),
                   BRepPrimAPI_MakeCone(place, size, 0.4 * size, size).Shape());
   };
-  const TopoDS_Shape before = stub(1, 0.3);
+  const TopoDS_Shape before = drum(1, 0.3);
   ASSERT_EQ(faces_of(before).size(), 4u);
   const Mesh mesh = mesh_of(before, 0.05);
-  const CarriedNodes carried = carry(mesh, before, stub(1.5, 2.4));
+  const CarriedNodes carried = carry(mesh, before, drum(1.5, 2.4));
   double worst = 0;
   for (std::size_t i = 0; i < carried.nodes.size(); ++i)
     worst = std::max(worst, distance(carried.places[i], 1.5 * mesh.points[carried.nodes[i]]));

@@ -155,20 +155,25 @@ v1::DesignResult judged(const System& system, const DesignReport& report, double
   return result;
 }
 
-class Condition : public testing::TestWithParam<Case> {};
+class Condition : public testing::TestWithParam<Case> {
+ protected:
+  static RbfOptions options() {
+    RbfOptions result;
+    result.kernel = GetParam().kernel;
+    result.solver = GetParam().solver;
+    result.basis = GetParam().basis;
+    return result;
+  }
+
+  const Layers layers{.first = GetParam().first};
+  const std::shared_ptr<const Mesh> mesh = test::shared(layers.mesh());
+  const deform::Setup setup = layers.setup(options());
+  const std::shared_ptr<const System> system = prepare(mesh, setup);
+};
 
 // The error that is told, whatever the condition; and below 1e15, where it can tell that a design is good, its verdict.
 TEST_P(Condition, DoesNotHideErrors) {
-  const Case& c = GetParam();
-  const Layers layers{.first = c.first};
-  const auto mesh = test::shared(layers.mesh());
-  RbfOptions options;
-  options.kernel = c.kernel;
-  options.solver = c.solver;
-  options.basis = c.basis;
-  const deform::Setup setup = layers.setup(options);
-  const auto system = prepare(mesh, setup);
-  Exact exact(*mesh, setup, *system, c.kernel);
+  Exact exact(*mesh, setup, *system, GetParam().kernel);
   for (const std::vector<double>& variables : {std::vector<double>{0.05, 0.1}, {0.2, 0}, {0, -0.3}}) {
     const Design design{variables, {}};
     const auto evaluation = system->bind({&design, 1}, EvaluationPath::automatic, {});
@@ -191,17 +196,8 @@ TEST_P(Condition, DoesNotHideErrors) {
 
 // Derivatives have no report. They come from the same solutions.
 TEST_P(Condition, LeavesDerivativesAsAccurateAsDesigns) {
-  const Case& c = GetParam();
-  const Layers layers{.first = c.first};
-  const auto mesh = test::shared(layers.mesh());
-  RbfOptions options;
-  options.kernel = c.kernel;
-  options.solver = c.solver;
-  options.basis = c.basis;
-  const deform::Setup setup = layers.setup(options);
-  const auto system = prepare(mesh, setup);
   if (system->info().condition > 1e15) return;  // its designs are doubtful
-  Exact exact(*mesh, setup, *system, c.kernel);
+  Exact exact(*mesh, setup, *system, GetParam().kernel);
   const std::vector<double> at{0.05, 0.1};
   const std::vector<std::vector<double>> directions{{1, 0}, {0, 1}};
   Points cotangent(mesh->point_count());
