@@ -338,8 +338,8 @@ void Listener::note_refusal(const char* why) {
 void Listener::cut_off(const std::string& peer, const char* why) {
   const std::string wanted = with_escaped_brackets(peer, false);
   const std::lock_guard lock(mutex_);
-  for (const auto& [fd, connection] : open_) {
-    if (socket_inode(fd) == connection.inode && peer_of(fd) == wanted) close_now(fd, why);
+  for (auto& [fd, connection] : open_) {
+    if (socket_inode(fd) == connection.inode && peer_of(fd) == wanted) close_now(fd, connection, why);
   }
 }
 
@@ -370,12 +370,15 @@ std::vector<Listener::Busy> Listener::busy() {
 
 void Listener::cut_off(const Busy& connection, const char* why) {
   const std::lock_guard lock(mutex_);
-  if (socket_inode(connection.fd) == connection.inode) close_now(connection.fd, why);
+  const auto found = open_.find(connection.fd);
+  if (found == open_.end() || found->second.inode != connection.inode) return;
+  if (socket_inode(connection.fd) == connection.inode) close_now(connection.fd, found->second, why);
 }
 
 /// gRPC closes what has been shut down, after it has read what had come: that is dropped. Should it have closed the connection
 /// already and another one have its descriptor, that one connects again.
-void Listener::close_now(int fd, const char* why) {
+void Listener::close_now(int fd, Open& connection, const char* why) {
+  if (std::exchange(connection.cut_off, true)) return;  // gRPC has not come to it yet
   spdlog::warn("connections: {} is closed: {}", peer_of(fd), why);
   ++cut_off_;
   shutdown(fd, SHUT_RDWR);

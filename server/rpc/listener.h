@@ -58,8 +58,8 @@ class Listener {
   /// Accepts no more. Idempotent, not thread-safe.
   void stop();
 
-  /// Closes the connection of this peer, as gRPC writes it, and says why in the log. Not those of unix sockets, which have no
-  /// address. Any thread.
+  /// Closes the connection of this peer, as gRPC writes it, and says why in the log, once. Not those of unix sockets, which have
+  /// no address. Any thread.
   void cut_off(const std::string& peer, const char* why);
   /// A connection that sends much.
   struct Busy {
@@ -70,7 +70,7 @@ class Listener {
   };
   /// Those that have received at least 8 KiB since the last call. Not those of unix sockets, which count no bytes. Any thread.
   std::vector<Busy> busy();
-  /// Closes it, unless it is closed already. Any thread.
+  /// Closes it and says why in the log, unless it is closed already. Any thread.
   void cut_off(const Busy& connection, const char* why);
 
   /// More than so many are closed at once from now on; those that are open stay.
@@ -108,9 +108,10 @@ class Listener {
   struct Open {
     std::uint64_t inode = 0;     ///< of the socket: its descriptor may mean something else by now
     std::uint64_t received = 0;  ///< bytes, when last asked
+    bool cut_off = false;        ///< closed here; its descriptor stays until gRPC closes it
     std::chrono::steady_clock::time_point since = std::chrono::steady_clock::now();
   };
-  void close_now(int fd, const char* why);
+  void close_now(int fd, Open& connection, const char* why);
   std::mutex mutex_;
   std::unordered_map<int, Open> open_;  ///< by file descriptor; under mutex_
   // of the thread

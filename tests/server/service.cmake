@@ -5,6 +5,7 @@ deform_test(service_test
           admin_test.cpp
           held_requests_test.cpp
           identities_test.cpp
+          listener_test.cpp
           log_test.cpp
           metrics_test.cpp
           options_test.cpp
