@@ -23,9 +23,9 @@
 
 #include "core/base/text.h"
 #include "server/engine/memory.h"
+#include "server/rpc/connection_calls.h"
 #include "server/rpc/flood_guard.h"
 #include "server/rpc/listener.h"
-#include "server/rpc/live_calls.h"
 #include "server/rpc/operations_port.h"
 #include "server/rpc/option_text.h"
 #include "server/rpc/running_limits.h"
@@ -46,6 +46,10 @@ constexpr std::chrono::milliseconds shed_interval{200};
 constexpr std::chrono::seconds watch_patience{10};
 constexpr int watch_turns = 25;  ///< every so many of these the store and the identities are looked at
 constexpr double full_memory = 0.9;
+/// Looking at connections takes at most a twentieth of the time.
+constexpr int look_pause = 20;
+/// Connections whose calls are counted at a look.
+constexpr std::size_t most_looked_at = 32;
 /// Why a connection is closed.
 constexpr char resets[] = "it begins calls and resets them";
 /// For the last messages to leave.
@@ -170,7 +174,7 @@ class GrpcServer final : public RunningServer {
     memory_start_ = resident_set_bytes();
     memory_limit_ = memory_start_ + static_cast<std::size_t>(full_memory * static_cast<double>(budget));
     memory_end_ = memory_start_ + budget;
-    most_live_calls_ = static_cast<std::uint64_t>(options.max_calls_per_connection) + FloodGuard::most_resets;
+    most_live_calls_ = static_cast<std::uint64_t>(options.max_calls_per_connection);
     watched_ = now();
     if (!options.metrics_address.empty()) open_operations_port(options.metrics_address);
     watch_ = std::thread([this, writable] { watch(writable); });  // last: what throws after it would leave it running
@@ -339,8 +343,9 @@ class GrpcServer final : public RunningServer {
             {"memory", !service_.memory_full(), "the process occupies more memory than --memory-budget allows for"}};
   }
 
-  /// What the process occupies beyond what it did at its start counts against the budget, whatever was charged.
-  void watch_memory() {
+  /// What the process occupies beyond what it did at its start counts against the budget, whatever was charged. `busy`: the
+  /// connections that send much.
+  void watch_memory(const std::vector<Listener::Busy>& busy) {
     std::size_t resident = resident_set_bytes();
     // Not at every turn: asking the allocator takes longer than the next turn is away, and a flood does not wait.
     if (resident > memory_limit_ && std::chrono::steady_clock::now() - gave_back_ >= give_back_interval) {
@@ -350,7 +355,7 @@ class GrpcServer final : public RunningServer {
     }
     const bool full = resident > memory_limit_;
     filling_ = resident - std::min(resident, memory_start_) > (memory_end_ - memory_start_) / 4;
-    if (listener_ && filling_) shed_connections(resident);
+    if (filling_) shed_connections(resident, busy);
     if (full == memory_full_) return;
     memory_full_ = full;
     service_.set_memory_full(full);
@@ -364,13 +369,11 @@ class GrpcServer final : public RunningServer {
 
   /// What gRPC holds for connections is bounded by nothing else: calls that are begun and reset, pings whose answers nobody
   /// reads. It is what nobody was charged for.
-  void shed_connections(std::size_t resident) {
+  void shed_connections(std::size_t resident, const std::vector<Listener::Busy>& busy) {
     const std::size_t budget = memory_end_ - memory_start_;
     const bool growing = resident > shed_at_;
     const bool uncharged = resident > memory_start_ + engine_->info().memory_in_use() + budget / 2;
     shed_at_ = resident;
-    std::vector<Listener::Busy> busy = listener_->busy();
-    if (growing) cut_off_resetting(busy);
     const auto now = std::chrono::steady_clock::now();
     const bool settled = now - cut_off_ >= shed_interval;  // what closed connections have sent is still worked on
     const bool all = resident > memory_end_;
@@ -385,17 +388,36 @@ class GrpcServer final : public RunningServer {
     cut_off_ = now;
   }
 
+  /// Those that send much, without what cut_off_resetting() closes. Nothing where there was not time enough since the last look.
+  std::vector<Listener::Busy> watch_connections() {
+    const auto start = std::chrono::steady_clock::now();
+    if (!listener_ || (!filling_ && start < next_look_)) return {};
+    std::vector<Listener::Busy> busy = listener_->busy();
+    cut_off_resetting(busy);
+    const auto end = std::chrono::steady_clock::now();
+    next_look_ = end + look_pause * (end - start);
+    return busy;
+  }
+
   /// Those that have more calls than they may at once: they have reset the others, which gRPC holds until it finds the time to
-  /// clean up. FloodGuard sees a reset only then, too late for a flood that keeps all cores busy. They are taken out of `busy`.
+  /// clean up. FloodGuard sees a reset only then, too late for a flood that keeps all cores busy. What has come but was not read
+  /// yet counts for nobody as busy: who had too many calls once is looked at until they are gone.
   void cut_off_resetting(std::vector<Listener::Busy>& busy) {
-    std::unordered_set<std::string> peers;
-    for (const Listener::Busy& one : busy) peers.insert(one.peer);
-    peers.erase("");
-    if (peers.empty()) return;
-    for (const auto& [peer, calls] : live_calls(peers)) {
-      if (calls <= most_live_calls_) continue;
-      listener_->cut_off(peer, resets);
-      std::erase_if(busy, [&peer = peer](const Listener::Busy& one) { return one.peer == peer; });
+    std::sort(busy.begin(), busy.end(), [](const auto& a, const auto& b) { return a.bytes > b.bytes; });
+    const auto turn = std::min(suspects_.size(), most_looked_at);
+    const auto next = suspects_.begin() + static_cast<std::ptrdiff_t>(turn);
+    std::unordered_set<std::string> peers(suspects_.begin(), next);
+    suspects_.erase(suspects_.begin(), next);
+    for (const Listener::Busy& one : busy) {
+      if (!one.peer.empty() && peers.size() < most_looked_at) peers.insert(one.peer);
+    }
+    for (const auto& [peer, calls] : calls_.of(peers)) {
+      if (calls > most_live_calls_ + FloodGuard::most_resets) {
+        listener_->cut_off(peer, resets);
+        std::erase_if(busy, [&peer = peer](const Listener::Busy& one) { return one.peer == peer; });
+      } else if (calls > most_live_calls_) {
+        suspects_.push_back(peer);
+      }
     }
   }
 
@@ -419,7 +441,8 @@ class GrpcServer final : public RunningServer {
     std::unique_lock lock(watch_mutex_);
     int turn = 0;
     while (!stopping_changed_.wait_for(lock, filling_ ? filling_interval : memory_interval, [this] { return stopping_; })) {
-      if (engine_budgeted_) watch_memory();
+      const std::vector<Listener::Busy> busy = watch_connections();
+      if (engine_budgeted_) watch_memory(busy);
       watched_ = now();
       if (filling_ && ++filling_turn_ % (memory_interval / filling_interval) != 0) continue;
       turn = (turn + 1) % watch_turns;
@@ -457,14 +480,16 @@ class GrpcServer final : public RunningServer {
   std::size_t memory_start_ = 0;       ///< resident bytes before the first call
   std::size_t memory_limit_ = 0;       ///< from which on calls are refused
   std::size_t memory_end_ = 0;         ///< and connections are closed
-  std::uint64_t most_live_calls_ = 0;  ///< of a connection
+  std::uint64_t most_live_calls_ = 0;  ///< of a connection that resets none
   // of the thread that watches
   std::size_t trimmed_ = 0;  ///< resident bytes after the allocator was last asked for what is free
   bool filling_ = false;     ///< more than a quarter of the budget is occupied
   int filling_turn_ = 0;
-  std::chrono::steady_clock::time_point gave_back_{}, cut_off_{};
-  std::size_t shed_at_ = 0;  ///< resident bytes when connections were last looked at
-  int trim_wait_ = 0;        ///< turns until it is asked again
+  std::chrono::steady_clock::time_point gave_back_{}, cut_off_{}, next_look_{};
+  ConnectionCalls calls_;
+  std::vector<std::string> suspects_;  ///< peers that have more calls than they may
+  std::size_t shed_at_ = 0;            ///< resident bytes when connections were last looked at
+  int trim_wait_ = 0;                  ///< turns until it is asked again
   int trim_pause_ = 1;
   bool memory_full_ = false;  ///< of the thread that watches
   std::thread watch_;

@@ -9,7 +9,7 @@
 
 #include "core/codec/geometry_id.h"
 #include "deform/v1/admin.grpc.pb.h"
-#include "server/rpc/live_calls.h"
+#include "server/rpc/connection_calls.h"
 #include "tests/server/ended_with.h"
 #include "tests/server/service_fixture.h"
 
@@ -123,8 +123,9 @@ TEST_P(AdminCalls, GrpcSaysHowManyCallsAConnectionHas) {
   std::vector<std::unique_ptr<grpc::ClientWriter<v1::RegisterGeometryRequest>>> writers;
   for (std::size_t i = 0; i < uploads; ++i) writers.push_back(stub->RegisterGeometry(&contexts[i], &infos[i]));
   const std::string peer = found("RegisterGeometry").peer();
+  ConnectionCalls connection_calls;
   const auto calls = [&] {
-    const auto live = live_calls({peer, "ipv4:127.0.0.1:1"});
+    const auto live = connection_calls.of({peer, "ipv4:127.0.0.1:1"});
     return live.size() == 1 ? live.at(peer) : live.size();
   };
   EXPECT_TRUE(eventually([&] { return calls() == uploads; })) << calls();

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "server/rpc/live_calls.h"
+#include "server/rpc/connection_calls.h"
 
 #include <google/protobuf/struct.pb.h>
 #include <google/protobuf/util/json_util.h>
@@ -55,22 +55,37 @@ void for_each(const Page& page, const char* list, const char* reference, const c
 
 }  // namespace
 
-std::unordered_map<std::string, std::uint64_t> live_calls(const std::unordered_set<std::string>& peers) {
-  std::unordered_map<std::string, std::uint64_t> out;
+/// Connections that have ended stay known until there are twice as many as were open: then all are looked at again.
+void ConnectionCalls::look_for_new() {
+  constexpr std::size_t few = 1000;
+  const bool all = sockets_.size() > 2 * known_ + few;
+  if (all) sockets_.clear(), next_.clear();
   for_each([](std::int64_t first) { return grpc_channelz_get_servers(first); }, "server", "ref", "serverId",
            [&](std::int64_t server, const std::string&) {
-             for_each([server](std::int64_t first) { return grpc_channelz_get_server_sockets(server, first, 0); }, "socketRef",
-                      "", "socketId",
+             std::int64_t& next = next_[server];
+             for_each([&](std::int64_t first) { return grpc_channelz_get_server_sockets(server, std::max(first, next), 0); },
+                      "socketRef", "", "socketId",
                       [&](std::int64_t socket, const std::string& name) {
-                        const std::string peer = name.substr(name.find(' ') + 1);  // "chttp2 ipv4:127.0.0.1:4711"
-                        if (peers.count(peer) == 0) return;
-                        const Struct answer = parsed(grpc_channelz_get_socket(socket));
-                        const Struct& data = field(field(answer, "socket").struct_value(), "data").struct_value();
-                        const std::int64_t live =
-                            number(data, "streamsStarted") - number(data, "streamsSucceeded") - number(data, "streamsFailed");
-                        if (live > 0) out[peer] += static_cast<std::uint64_t>(live);
+                        sockets_[name.substr(name.find(' ') + 1)] = socket;  // "chttp2 ipv4:127.0.0.1:4711"
+                        next = socket + 1;
                       });
            });
+  if (all) known_ = sockets_.size();
+}
+
+std::unordered_map<std::string, std::uint64_t> ConnectionCalls::of(const std::unordered_set<std::string>& peers) {
+  const auto known = [this](const std::string& peer) { return sockets_.count(peer) != 0; };
+  if (!std::all_of(peers.begin(), peers.end(), known)) look_for_new();
+  std::unordered_map<std::string, std::uint64_t> out;
+  for (const std::string& peer : peers) {
+    const auto found = sockets_.find(peer);
+    if (found == sockets_.end()) continue;
+    const Struct answer = parsed(grpc_channelz_get_socket(found->second));
+    const Struct& data = field(field(answer, "socket").struct_value(), "data").struct_value();
+    if (answer.fields().empty()) sockets_.erase(found);  // it has ended; its port may be another's now
+    const std::int64_t live = number(data, "streamsStarted") - number(data, "streamsSucceeded") - number(data, "streamsFailed");
+    if (live > 0) out[peer] = static_cast<std::uint64_t>(live);
+  }
   return out;
 }
 
