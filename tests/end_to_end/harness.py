@@ -4,6 +4,7 @@
 import gzip
 import json
 import os
+import re
 import shutil
 import signal
 import struct
@@ -173,6 +174,11 @@ class EndToEnd(unittest.TestCase):
                 return
             time.sleep(0.02)
         self.fail(f"after {seconds} s still not: {what}")
+
+    def assert_logged(self, pattern, server=None):
+        """A call is written to the log after it was answered."""
+        server = server or self.server
+        self.wait_until(lambda: re.search(pattern, server.log_text()), f"the log says {pattern}")
 
 
 AHMED_SETUP = """\

@@ -52,6 +52,7 @@ class Admin(EndToEnd):
         time.sleep(1)
         self.assertEqual(self.calls(), [], "the client does not repeat it")
         self.assertEqual(self.deform("admin", "calls").out, "no calls under way\n")
+        self.assert_logged("method=Prepare ")
         self.assertEqual(self.server.log_text().count("method=Prepare "), 1)
         self.assertRegex(self.server.log_text(), r"operator \(not asked for an identity\) at ipv4:.*: cancels call \d+, Prepare of")
         self.fails(1, "admin", "cancel", call["id"], says=[f"call {call['id']}: there is no such call"])

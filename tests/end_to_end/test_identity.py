@@ -127,7 +127,7 @@ class Identity(EndToEnd):
             return ["--ca", "test-ca.pem", "--cert", f"{name}.pem", "--key", f"{name}.key"]
 
         self.deform(*shows("solver"), "list", "geometries")
-        self.assertIn(" identity=solver ", self.server.log_text())
+        self.assert_logged(" identity=solver ")
         self.deform("sample", "-o", "ahmed.obj", "--points", 2000)
         self.fails(1, *shows("solver"), "register", "ahmed.obj", says=["needs the role user, \"solver\" has reader"])
         self.fails(1, "--ca", "test-ca.pem", "status", says=["wants a client certificate", "--cert"])
@@ -244,7 +244,7 @@ class Identity(EndToEnd):
         self.assertEqual(self.ids(bob), of_ada)
         files = [os.path.join(self.server.data, "geometries", f"{geometry}.{tenant}") for tenant in ("acme", "b-corp")]
         self.assertTrue(os.path.samefile(*files))
-        self.assertRegex(self.server.log_text(), r" identity=bob tenant=b-corp ")
+        self.assert_logged(" identity=bob tenant=b-corp ")
         # Killed and without its catalog, the server knows whose everything is.
         self.server.kill()
         for file in os.listdir(self.server.data):

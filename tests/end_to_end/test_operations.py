@@ -54,7 +54,7 @@ class Operations(EndToEnd):
         trace = "0af7651916cd43dd8448eb211c80319c"
         environment = {**self.environment(), "TRACEPARENT": f"00-{trace}-b7ad6b7169203331-01"}
         subprocess.run([DEFORM, "status"], env=environment, check=True, stdout=subprocess.DEVNULL, timeout=60)
-        self.assertRegex(server.log_text(), f"method=GetServerInfo client=.* trace={trace} ")
+        self.assert_logged(f"method=GetServerInfo client=.* trace={trace} ", server)
         children = [self.spawn("bench", self.prepared(), "--designs", 200, "--population", 1) for _ in range(2)]
         for child in children:
             self.assertEqual(child.wait(120), 0)
@@ -78,6 +78,7 @@ class Operations(EndToEnd):
         self.write("setup.yaml", AHMED_SETUP)
         for value in (0.01, 0.02, 0.03):
             self.deform("apply", "setup.yaml", "--set", f"roof_up={value}", "-o", "out.obj")
+        self.wait_until(lambda: self.figures()["deformd_calls_in_progress"] == 0, "the last call has ended")
         now = self.figures()
         self.assertEqual(now["deformd_designs_served_total"] - before["deformd_designs_served_total"], 3)
         self.assertEqual(now['deformd_calls_total{method="RegisterGeometry",status="ok"}'], 1)
