@@ -91,7 +91,7 @@ ConstrainedBytes total(const Counts& counts, NewtonForm form) {
                     std::max({counts.reduced.peak_bytes, counts.reduced.factor_bytes + std::max(making_rows, factoring),
                               bytes.resident - points + columns});
   // States, targets and the window of the alternation; right-hand sides and solutions.
-  bytes.working = sizeof(Vec3) * (40 * N + 26 * r + 12 * counts.unknowns) + newton_bytes(counts, form);
+  bytes.working = sizeof(Vec3) * (40 * N + 34 * r + 12 * counts.unknowns) + newton_bytes(counts, form);
   bytes.operations = counts.reduced.flops + counts.global_step.flops;
   return bytes;
 }
