@@ -17,7 +17,6 @@ namespace {
 
 constexpr double coincident = 1e-12;
 constexpr double radius_of_gap = 2;  // the spacing is half the gap
-constexpr std::size_t few = 4;
 constexpr std::size_t places_per_task = 256;
 
 /// Wendland's C2 function of a distance that is smaller than the radius.
@@ -94,31 +93,18 @@ class LevelChoice {
 
   /// The fresh places and the taken ones whose functions overlap with theirs, directly or by way of others.
   std::vector<std::uint32_t> next_to(const std::vector<std::uint32_t>& fresh, double radius) const {
-    std::vector<std::uint32_t> active, position(taken_.size());
-    std::vector<Vec3> places;
-    for (const std::uint32_t i : candidates_) {
-      if (!taken_[i] || distance_[i] > radius) continue;
-      position[i] = static_cast<std::uint32_t>(active.size());
-      active.push_back(i);
-      places.push_back(from_.places[i]);
-    }
-    if (few * fresh.size() > active.size()) return active;  // most of them are next to one
-    const NearCells cells(places, radius);
-    std::vector<char> reached(active.size());
-    std::vector<std::uint32_t> open, result;
-    for (const std::uint32_t i : fresh) {
-      reached[position[i]] = 1;
-      open.push_back(position[i]);
-    }
-    while (!open.empty()) {
-      const std::uint32_t i = open.back();
-      open.pop_back();
-      result.push_back(active[i]);
-      cells.for_each(places[i], [&](std::uint32_t j, double) {
-        if (reached[j]) return;
-        reached[j] = 1;
-        open.push_back(j);
-      });
+    std::vector<std::uint32_t> result = fresh;  // those behind `open` are still to be looked around
+    std::vector<char> reached(taken_.size());
+    for (const std::uint32_t i : fresh) reached[i] = 1;
+    std::vector<PointTree::Near> near;
+    for (std::size_t open = 0; open < result.size(); ++open) {
+      near_->within(from_.places[result[open]], radius * radius, near);
+      for (const auto& [candidate, square] : near) {
+        const std::uint32_t i = candidates_[candidate];
+        if (!taken_[i] || reached[i] || distance_[i] > radius) continue;
+        reached[i] = 1;
+        result.push_back(i);
+      }
     }
     std::sort(result.begin(), result.end());
     return result;
