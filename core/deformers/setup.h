@@ -89,6 +89,13 @@ enum class HandleMode {
   soft,  ///< in the least-squares sense with the weight `fixing` (thesis eq. 8.8)
 };
 
+/// Where energy methods other than the shell meet hard handles and fixed points: the misfit of their functions is interpolated
+/// there, so that what follows the field beside them joins them. Prescribed points themselves are always exact.
+enum class MisfitRule {
+  joins,    ///< all that share a face or a cell with a deformable point
+  centres,  ///< a well-distributed subset, ResidualCorrection::centres_for(); the default up to version 0.2
+};
+
 /// The options common to the energy methods, which minimize the integral of gamma_s |grad d|^2 + gamma_b |laplace d|^2 in
 /// coordinates divided by D, so that weights do not depend on units.
 struct EnergyOptions {
@@ -98,6 +105,7 @@ struct EnergyOptions {
   /// gamma_f of soft handles, the weight of the mean square misfit of each handle and of the fixed points; greater than 0, up
   /// to 1e12.
   double fixing = 1000;
+  MisfitRule misfit = MisfitRule::joins;   ///< of hard handles
   BasisMode basis = BasisMode::automatic;  ///< basis of the affine motions of the handles
   double basis_tolerance = 0;              ///< as RbfOptions::basis_tolerance
 };

@@ -127,9 +127,33 @@ void take_energy(const v1::Energy& message, const std::string& path, Options& op
   options.basis_tolerance = finite(message.basis_tolerance(), path + ".basis_tolerance");
 }
 
+/// How setups were stored before there was `misfit`: without it, but with what else has a default.
+bool stored_without_misfit(const v1::Energy& energy) {
+  return energy.misfit() == v1::MISFIT_DEFAULT && energy.has_bending() && energy.handles() != v1::HANDLES_DEFAULT;
+}
+bool stored_without_misfit(const v1::SubspaceMethod& message) {
+  return stored_without_misfit(message.energy()) && message.kernel() != v1::SUBSPACE_DEFAULT && message.centres() != 0;
+}
+bool stored_without_misfit(const v1::MlsMethod& message) {
+  return stored_without_misfit(message.energy()) && message.cubature() != 0 && message.cover() != 0;
+}
+bool stored_without_misfit(const v1::FfdMethod& message) {
+  return stored_without_misfit(message.energy()) && message.control() != v1::FFD_CONTROL_DEFAULT &&
+         message.lattice().basis() != v1::LATTICE_BASIS_DEFAULT;
+}
+
+/// SubspaceMethod, MlsMethod or FfdMethod.
+template <typename Message>
+MisfitRule misfit_rule(const Message& message, const std::string& path) {
+  const bool centres =
+      known(message.energy().misfit(), path + ".misfit") == v1::MISFIT_AT_CENTRES || stored_without_misfit(message);
+  return centres ? MisfitRule::centres : MisfitRule::joins;
+}
+
 ShellOptions shell_options(const v1::ShellMethod& message) {
   ShellOptions options;
   take_energy(message.energy(), "method.shell.energy", options);
+  known(message.energy().misfit(), "method.shell.energy.misfit");
   return options;
 }
 
@@ -150,6 +174,7 @@ SubspaceLinear subspace_linear(const v1::SubspaceMethod& message) {
 SubspaceOptions subspace_options(const v1::SubspaceMethod& message) {
   SubspaceOptions options;
   take_energy(message.energy(), "method.subspace.energy", options);
+  options.misfit = misfit_rule(message, "method.subspace.energy");
   options.kernel = subspace_kernel(message.kernel());
   options.linear = subspace_linear(message);
   if (message.centres() != 0) options.centres = message.centres();
@@ -172,6 +197,7 @@ MlsDomain mls_domain(const v1::MlsMethod& message) {
 MlsOptions mls_options(const v1::MlsMethod& message) {
   MlsOptions options;
   take_energy(message.energy(), "method.mls.energy", options);
+  options.misfit = misfit_rule(message, "method.mls.energy");
   options.domain = mls_domain(message);
   options.surface_samples = message.surface_samples();
   options.volume_samples = message.volume_samples();
@@ -201,6 +227,7 @@ FfdControl ffd_control(v1::FfdControl control) {
 FfdOptions ffd_options(const v1::FfdMethod& message) {
   FfdOptions options;
   take_energy(message.energy(), "method.ffd.energy", options);
+  options.misfit = misfit_rule(message, "method.ffd.energy");
   options.lattice = lattice_from_proto(message.lattice());
   options.control = ffd_control(message.control());
   options.clamp = finite(message.clamp(), "method.ffd.clamp");
@@ -290,12 +317,19 @@ void canonicalize_energy(v1::Energy& energy) {
     energy.set_fixing(ShellOptions().fixing);
   }
   energy.set_basis_tolerance(canonical_basis_tolerance(energy.basis(), energy.basis_tolerance()));
+  energy.set_misfit(v1::MISFIT_DEFAULT);
+}
+
+/// With the rule that the method had, to which the canonical defaults of all else were added.
+void canonicalize_energy(v1::Energy& energy, MisfitRule misfit) {
+  canonicalize_energy(energy);
+  if (misfit == MisfitRule::joins && energy.handles() == v1::HANDLES_HARD) energy.set_misfit(v1::MISFIT_AT_JOINS);
 }
 
 void canonicalize_subspace(v1::SubspaceMethod& subspace) {
   const SubspaceOptions defaults;
   subspace.set_linear(subspace_linear(subspace) == SubspaceLinear::added ? v1::LINEAR_ADDED : v1::LINEAR_DEFAULT);
-  canonicalize_energy(*subspace.mutable_energy());
+  canonicalize_energy(*subspace.mutable_energy(), misfit_rule(subspace, "method.subspace.energy"));
   if (subspace.kernel() == v1::SUBSPACE_DEFAULT) subspace.set_kernel(v1::SUBSPACE_MLS);
   if (subspace.centres() == 0) subspace.set_centres(static_cast<std::uint32_t>(defaults.centres));
   const std::optional<Kernel> kernel = subspace_kernel(subspace.kernel());
@@ -311,13 +345,14 @@ void canonicalize_mls(v1::MlsMethod& mls) {
   const MlsDomain domain = mls_domain(mls);
   if (domain == MlsDomain::surface) mls.set_domain(v1::DOMAIN_DEFAULT);
   if (domain == MlsDomain::connected) mls.set_domain(v1::DOMAIN_CONNECTED);
-  canonicalize_energy(*mls.mutable_energy());
+  canonicalize_energy(*mls.mutable_energy(), misfit_rule(mls, "method.mls.energy"));
   if (mls.cubature() == 0) mls.set_cubature(defaults.cubature);
   if (mls.cover() == 0) mls.set_cover(default_cover(domain));
   for (auto& weights : *mls.mutable_weights()) canonicalize_region(*weights.mutable_region());
 }
 
 void canonicalize_ffd(v1::FfdMethod& ffd) {
+  const MisfitRule misfit = misfit_rule(ffd, "method.ffd.energy");
   if (ffd.control() == v1::MESH || ffd.control() == v1::CONTROLS) {
     const v1::Energy given = ffd.energy();
     ffd.clear_energy();
@@ -327,7 +362,11 @@ void canonicalize_ffd(v1::FfdMethod& ffd) {
     ffd.set_control(v1::ENERGY);
   }
   if (ffd.control() != v1::MESH || ffd.clamp() == 0) ffd.set_clamp(0);  // ignored, or -0.0
-  canonicalize_energy(*ffd.mutable_energy());
+  if (ffd.control() == v1::ENERGY) {
+    canonicalize_energy(*ffd.mutable_energy(), misfit);
+  } else {
+    canonicalize_energy(*ffd.mutable_energy());
+  }
   v1::Lattice& lattice = *ffd.mutable_lattice();
   if (lattice.basis() == v1::LATTICE_BASIS_DEFAULT) lattice.set_basis(v1::UNIFORM_CUBIC);
 }

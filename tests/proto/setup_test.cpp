@@ -555,6 +555,7 @@ TEST(ConvertSetup, stored_spaces_keep_their_meaning_and_their_id) {
   mls.set_cubature(4);
   mls.set_cover(12);
   named.mutable_method()->mutable_mls()->set_domain(v1::DOMAIN_SURFACE);
+  named.mutable_method()->mutable_mls()->mutable_energy()->set_misfit(v1::MISFIT_AT_CENTRES);  // as all stored then
   plain.mutable_method()->mutable_mls();
   const auto domain = [](const v1::Setup& setup) { return std::get<MlsOptions>(setup_from_proto(setup, 10).method).domain; };
   EXPECT_EQ(canonical_setup(stored, geometry).method().SerializeAsString(), stored.method().SerializeAsString());
@@ -581,11 +582,57 @@ TEST(ConvertSetup, stored_spaces_keep_their_meaning_and_their_id) {
   subspace.set_centres(1000);
   subspace.set_cover(50);
   named.mutable_method()->mutable_subspace()->set_linear(v1::LINEAR_LEFT_OUT);
+  named.mutable_method()->mutable_subspace()->mutable_energy()->set_misfit(v1::MISFIT_AT_CENTRES);
   const auto linear = [](const v1::Setup& setup) { return std::get<SubspaceOptions>(setup_from_proto(setup, 10).method).linear; };
   EXPECT_EQ(canonical_setup(stored, geometry).method().SerializeAsString(), stored.method().SerializeAsString());
   EXPECT_EQ(canonical_setup(named, geometry).method().SerializeAsString(), stored.method().SerializeAsString());
   for (const v1::Setup& left_out : {stored, named}) EXPECT_EQ(linear(left_out), SubspaceLinear::left_out);
   for (const v1::Setup& added : {plain, canonical_setup(plain, geometry)}) EXPECT_EQ(linear(added), SubspaceLinear::added);
+}
+
+// What a store or a client holds from before misfits were interpolated at all joins.
+TEST(ConvertSetup, stored_energies_keep_the_misfits_that_they_had_and_their_id) {
+  const auto energy_of = [](v1::Setup& setup) {
+    v1::Method& method = *setup.mutable_method();
+    return method.has_ffd()   ? method.mutable_ffd()->mutable_energy()
+           : method.has_mls() ? method.mutable_mls()->mutable_energy()
+                              : method.mutable_subspace()->mutable_energy();
+  };
+  const auto rule = [](const v1::Setup& setup) {
+    return std::visit(
+        [](const auto& options) {
+          if constexpr (std::is_base_of_v<EnergyOptions, std::decay_t<decltype(options)>>) return options.misfit;
+          return MisfitRule::centres;
+        },
+        setup_from_proto(setup, 10).method);
+  };
+  for (const int kind : {0, 1, 2}) {
+    v1::Setup plain = sheet_setup(geometry);
+    if (kind == 0) plain.mutable_method()->mutable_ffd();
+    if (kind == 1) plain.mutable_method()->mutable_mls();
+    if (kind == 2) plain.mutable_method()->mutable_subspace();
+    v1::Setup named = plain, soft = plain;
+    const v1::Setup canonical = canonical_setup(plain, geometry);
+    v1::Setup stored = canonical;
+    EXPECT_EQ(energy_of(stored)->misfit(), v1::MISFIT_AT_JOINS);
+    energy_of(stored)->clear_misfit();
+    energy_of(named)->set_misfit(v1::MISFIT_AT_CENTRES);
+    for (const v1::Setup& joins : {plain, canonical}) EXPECT_EQ(rule(joins), MisfitRule::joins) << kind;
+    for (const v1::Setup& centres : {stored, named, canonical_setup(named, geometry)}) {
+      EXPECT_EQ(rule(centres), MisfitRule::centres) << kind;
+      EXPECT_EQ(canonical_setup(centres, geometry).SerializeAsString(), stored.SerializeAsString()) << kind;
+    }
+    energy_of(soft)->set_handles(v1::HANDLES_SOFT);
+    energy_of(soft)->set_misfit(v1::MISFIT_AT_JOINS);
+    v1::Setup softened = canonical_setup(soft, geometry);
+    EXPECT_EQ(energy_of(softened)->misfit(), v1::MISFIT_DEFAULT) << kind;
+  }
+  v1::Setup shell = sheet_setup(geometry);
+  shell.mutable_method()->mutable_shell()->mutable_energy()->set_misfit(v1::MISFIT_AT_JOINS);
+  EXPECT_EQ(canonical_setup(shell, geometry).method().shell().energy().misfit(), v1::MISFIT_DEFAULT);
+  v1::Setup mesh = sheet_setup(geometry);
+  mesh.mutable_method()->mutable_ffd()->set_control(v1::MESH);
+  EXPECT_EQ(canonical_setup(mesh, geometry).method().ffd().energy().misfit(), v1::MISFIT_DEFAULT);
 }
 
 TEST(ConvertSetup, id_lists_are_sets) {

@@ -407,8 +407,10 @@ def canonical_method(method, flat):
             chosen.control = setup_pb2.CONTROLS
             chosen.clamp = 0
         return canonical_basis(chosen)
-    # How setups were stored before there were MlsMethod.domain and SubspaceMethod.linear.
+    # How setups were stored before there were MlsMethod.domain, SubspaceMethod.linear and Energy.misfit.
     stored = chosen.energy.HasField("bending") and chosen.energy.handles != setup_pb2.HANDLES_DEFAULT
+    at_centres = chosen.energy.misfit == setup_pb2.MISFIT_AT_CENTRES or (
+        stored and chosen.energy.misfit == setup_pb2.MISFIT_DEFAULT and has_all_but_energy(kind, chosen))
     canonical_energy(chosen.energy)
     if kind == "subspace":
         stored = stored and chosen.centres != 0 and chosen.cover != 0 and chosen.linear == setup_pb2.LINEAR_DEFAULT
@@ -441,6 +443,18 @@ def canonical_method(method, flat):
         instead_of_zero(chosen, "cover", 12 if surface else 20)
         for weights in chosen.weights:
             canonical_region(weights.region)
+    met = kind != "shell" and chosen.energy.handles == setup_pb2.HANDLES_HARD and not at_centres
+    if kind == "ffd" and chosen.control != setup_pb2.ENERGY:
+        met = False
+    chosen.energy.misfit = setup_pb2.MISFIT_AT_JOINS if met else setup_pb2.MISFIT_DEFAULT
+
+
+def has_all_but_energy(kind, chosen):
+    if kind == "subspace":
+        return chosen.kernel != setup_pb2.SUBSPACE_DEFAULT and chosen.centres != 0
+    if kind == "mls":
+        return chosen.cubature != 0 and chosen.cover != 0
+    return kind == "ffd" and chosen.control != setup_pb2.FFD_CONTROL_DEFAULT and chosen.lattice.basis != setup_pb2.LATTICE_BASIS_DEFAULT
 
 
 def canonical_constraint(constraint):

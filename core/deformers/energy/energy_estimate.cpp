@@ -16,6 +16,7 @@
 #include "core/deformers/energy/spaces/subspace.h"
 #include "core/deformers/handles/constraint_points.h"
 #include "core/deformers/handles/handle_basis.h"
+#include "core/numerics/sampling/farthest_points.h"
 
 namespace deform {
 
@@ -142,6 +143,23 @@ CorrectionBytes correction_bytes(std::size_t centres, std::size_t places) {
           interpolator_peak_bytes(centres, Solver::cholesky) + 3 * own + places * (2 * sizeof(Vec3) + sizeof(double))};
 }
 
+/// What its levels add.
+CorrectionBytes level_bytes(const Mesh& mesh, const UnitBox& box, const std::vector<RegionIndex>& region_of,
+                            std::size_t centres) {
+  std::vector<PointId> held;
+  for (std::size_t i = 0; i < region_of.size(); ++i) {
+    if (region_of[i] != deformable_region) held.push_back(static_cast<PointId>(i));
+  }
+  if (held.size() <= centres) return {};
+  const std::vector<char> next = next_to_deformable(mesh, region_of);
+  std::vector<char> bound;
+  for (const PointId id : held) bound.push_back(next[id]);
+  const std::vector<Vec3> places = unit_places(mesh, box, held);
+  const std::vector<CompactLevel> levels = choose_levels({places, farthest_point_order(places, centres), bound}, {});
+  const CompactLevels::Bytes bytes = CompactLevels::estimate(places, levels);
+  return {bytes.resident, bytes.peak};
+}
+
 std::size_t tiled_bytes(std::size_t points) { return tile_count(points) * tile_size * sizeof(Vec3); }
 
 /// Exact constraints.
@@ -185,9 +203,13 @@ Estimate estimate_of(const Options& options, const Mesh& mesh, const Setup& setu
 
   const std::size_t solver = sizes.factor.factor_bytes + sizes.matrices + few_bytes;
   const bool corrected = hard && !sizes.eliminated && sizes.held > 0;
-  const CorrectionBytes correction =
-      corrected ? correction_bytes(std::min(ResidualCorrection::centres_for(following), sizes.held), sizes.held)
-                : CorrectionBytes();
+  const std::size_t centres = std::min(ResidualCorrection::centres_for(following), sizes.held);
+  CorrectionBytes correction = corrected ? correction_bytes(centres, sizes.held) : CorrectionBytes();
+  if (corrected && options.misfit == MisfitRule::joins) {
+    const CorrectionBytes levels = level_bytes(mesh, {bounds.min, diagonal}, constrained_points.region_of, centres);
+    correction.peak = std::max(correction.peak, correction.resident + levels.peak);
+    correction.resident += levels.resident;
+  }
   const PlacementBytes placement = placement_bytes(setup, constraints, constrained_points.region_of, hard, following, sizes.held);
   std::size_t set_points = 0;
   for (const ConstraintSet& set : constraints.sets) set_points += set.ids.size();

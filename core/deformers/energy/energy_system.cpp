@@ -37,6 +37,21 @@ SparseMatrix transposed_rows(const FunctionRows& values, const std::vector<Point
   return result;
 }
 
+/// Up to HandleBasis::most_held of the held points, evenly by their number: of those that are bound, if any are.
+std::vector<std::size_t> checked_places(std::span<const char> bound, std::size_t held) {
+  std::vector<std::size_t> all;
+  for (std::size_t j = 0; j < bound.size(); ++j) {
+    if (bound[j]) all.push_back(j);
+  }
+  if (all.empty()) {
+    all.resize(held);
+    std::iota(all.begin(), all.end(), std::size_t{0});
+  }
+  std::vector<std::size_t> result(std::min(HandleBasis::most_held, all.size()));
+  for (std::size_t s = 0; s < result.size(); ++s) result[s] = all[s * all.size() / result.size()];
+  return result;
+}
+
 /// A number for each handle, the same for those that the same variables drive, as a handle and its images in symmetry planes.
 std::vector<std::size_t> driven_groups(const Setup& setup) {
   std::map<std::vector<std::size_t>, std::size_t> groups;
@@ -103,9 +118,17 @@ void EnergySystem::prepare_solver(const RunContext& context, std::size_t memory_
   const std::size_t limit = memory_budget == 0 ? 0 : std::max<std::size_t>(1, memory_budget - std::min(memory_budget, used));
   solver_ = std::make_unique<const EnergySolver>(std::move(problem), limit, context);
   samples_ = check_points(unit_places(*mesh_, box_, following()), unit_places(*mesh_, box_, model_.held), checked_points);
-  if (!hard_handles() || model_.eliminated || model_.held.empty()) return;
+  if (model_.eliminated || model_.held.empty()) return;
+  checked_ = checked_places({}, model_.held.size());
+  if (!hard_handles()) return;
+  std::vector<char> bound;
+  if (options_.misfit == MisfitRule::joins) {
+    const std::vector<char> next = next_to_deformable(*mesh_, points_.region_of);
+    for (const PointId id : model_.held) bound.push_back(next[id]);
+  }
   correction_ = std::make_unique<const ResidualCorrection>(unit_places(*mesh_, box_, model_.held),
-                                                           ResidualCorrection::centres_for(following().size()), context);
+                                                           ResidualCorrection::centres_for(following().size()), bound, context);
+  checked_ = checked_places(bound, model_.held.size());
   following_places_ = TiledPoints(unit_places(*mesh_, box_, following()));
   const Eigen::MatrixXd shifts = shifted_handles(driven_groups(setup_));
   missed_ = misfit(shifts, solver_->solve(shifts, context)).cwiseAbs().maxCoeff();
@@ -181,7 +204,7 @@ EnergySystem::Solution EnergySystem::solve(const Eigen::MatrixXd& h, const RunCo
   const Eigen::MatrixXd uncertainty = solver_->uncertainty(u, w, context);
   EnergyField change{uncertainty, {}};
   if (correction_)
-    change.correction = correction_->coefficients(misfit(Eigen::MatrixXd::Zero(h.rows(), h.cols()), uncertainty), context);
+    change.correction = correction_->smooth_coefficients(misfit(Eigen::MatrixXd::Zero(h.rows(), h.cols()), uncertainty), context);
   measure_errors(change, solution, context);
   return solution;
 }
@@ -274,13 +297,10 @@ EnergySystem::Solution EnergySystem::completed(const Eigen::MatrixXd& h, const E
 }
 
 Eigen::MatrixXd EnergySystem::sampled_misfit(const Eigen::MatrixXd& h, const EnergyField& field) const {
-  const std::size_t count = std::min(HandleBasis::most_held, model_.held.size());
-  std::vector<Vec3> places(count);
-  std::vector<std::size_t> which(count);
-  for (std::size_t s = 0; s < count; ++s) {
-    which[s] = s * model_.held.size() / count;
-    places[s] = box_.to_unit(mesh_->points[model_.held[which[s]]]);
-  }
+  const std::vector<std::size_t>& which = checked_;
+  const std::size_t count = which.size();
+  std::vector<Vec3> places;
+  for (const std::size_t j : which) places.push_back(box_.to_unit(mesh_->points[model_.held[j]]));
   const TiledPoints tiled(places);
   const FunctionRows functions = model_.space.functions();
   const auto columns = static_cast<std::size_t>(h.cols());
@@ -337,7 +357,7 @@ void EnergySystem::prepare_basis(const RunContext& context, std::size_t memory_b
   const std::size_t making = HandleBasis::peak_bytes_for(following().size(), fields(), options_.basis_tolerance);
   if (memory_budget != 0 && options_.basis == BasisMode::automatic && solver_->bytes() + making > memory_budget) return;
   HandleBasis basis{{0, 1, 2}, FieldTiles(following().size(), fields()), {}};
-  const std::size_t checked = model_.eliminated ? 0 : std::min(HandleBasis::most_held, model_.held.size());
+  const std::size_t checked = checked_.size();
   if (checked > 0) basis.checked = HandleBasis::Checked::held;
   basis.errors.resize(checked * fields());
   for (std::size_t h = 0; h < frames_.size(); ++h) {

@@ -10,13 +10,15 @@
 
 #include "core/base/run_context.h"
 #include "core/base/types.h"
+#include "core/numerics/interpolation/compact_levels.h"
 #include "core/numerics/interpolation/dense_interpolator.h"
 #include "core/numerics/kernels/tiles.h"
 
 namespace deform {
 
 /// Extends the misfit of a space at the handle and fixed points smoothly to all points: the interpolant of the misfit at a
-/// well-distributed subset of the handle and fixed points (farthest-point order). Immutable; any thread.
+/// well-distributed subset of the handle and fixed points (farthest-point order), its centres. What this leaves at the other ones
+/// next to deformable points is added by CompactLevels, unless only the centres are to be met. Immutable; any thread.
 class ResidualCorrection {
  public:
   enum class Kind {
@@ -29,17 +31,21 @@ class ResidualCorrection {
   /// The number of centres for this number of evaluation points: 600 to 2000, more if that is cheap.
   static std::size_t centres_for(std::size_t points);
 
-  /// `places` are all m handle and fixed points, in unit coordinates.
-  ResidualCorrection(std::span<const Vec3> places, std::size_t most_centres, const RunContext& context);
+  /// `places` are all m handle and fixed points, in unit coordinates. It meets those that are `bound` (m, nonzero), or with an
+  /// empty mask only the centres.
+  ResidualCorrection(std::span<const Vec3> places, std::size_t most_centres, std::span<const char> bound,
+                     const RunContext& context);
   /// Interpolates at the given centres among the places, no two of which may coincide.
   ResidualCorrection(std::span<const Vec3> places, std::vector<std::uint32_t> centres, Kind kind, const RunContext& context);
 
-  std::size_t bytes() const { return system_.bytes(); }
+  std::size_t bytes() const;
   const std::vector<std::uint32_t>& centres() const { return centres_; }
 
   /// The coefficients of the interpolants, rows x c, from the misfit (m x c, units of displacements).
   Eigen::MatrixXd coefficients(const Eigen::MatrixXd& misfit, const RunContext& context) const;
-  std::size_t rows() const { return system_.size() + system_.polynomials().terms(); }
+  /// The same of the smooth interpolants alone: nothing is added for what they leave.
+  Eigen::MatrixXd smooth_coefficients(const Eigen::MatrixXd& misfit, const RunContext& context) const;
+  std::size_t rows() const { return smooth_rows() + (levels_ ? levels_->rows() : 0); }
   /// The rounding of the values of interpolants at these places, at most.
   double rounding(const Eigen::MatrixXd& coefficients, std::span<const Vec3> at, const RunContext& context) const;
   /// Adds the values of the interpolants at a tile to out[c][16]. `coefficients` is row-major with row stride `columns`.
@@ -48,9 +54,15 @@ class ResidualCorrection {
   Eigen::MatrixXd adjoint(std::span<const Vec3> points, std::span<const Vec3> X, const RunContext& context) const;
 
  private:
+  std::size_t smooth_rows() const { return system_.size() + system_.polynomials().terms(); }
+  Eigen::MatrixXd left(const Eigen::MatrixXd& misfit, const Eigen::MatrixXd& smooth, const RunContext& context) const;
+  Eigen::MatrixXd smooth_adjoint(std::span<const Vec3> points, std::span<const Vec3> X, const RunContext& context) const;
+
   std::size_t held_;
   std::vector<std::uint32_t> centres_;  ///< positions among the handle and fixed points
   DenseInterpolator system_;
+  std::unique_ptr<const CompactLevels> levels_;  ///< null if nothing is left
+  TiledPoints used_;                             ///< those of the levels
 };
 
 }  // namespace deform

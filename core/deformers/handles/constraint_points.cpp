@@ -4,8 +4,12 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <span>
 #include <unordered_map>
 #include <utility>
+
+#include "core/mesh/cells.h"
+#include "core/mesh/elements.h"
 
 namespace deform {
 
@@ -94,6 +98,26 @@ ConstraintPoints constraint_points(const Mesh& mesh, const SelectedRegions& regi
     result.coincident.push_back(std::move(others));
   }
   return result;
+}
+
+std::vector<char> next_to_deformable(const Mesh& mesh, const std::vector<RegionIndex>& region_of) {
+  std::vector<char> mask(region_of.size());
+  const auto deformable = [&](PointId id) { return region_of[id] == deformable_region; };
+  const auto mark = [&](std::span<const PointId> points) {
+    if (std::none_of(points.begin(), points.end(), deformable)) return;
+    for (const PointId id : points) mask[id] = deformable(id) ? 0 : 1;
+  };
+  std::size_t corner = 0;
+  for (const std::uint32_t size : mesh.face_sizes) {
+    mark(std::span(mesh.face_points).subspan(corner, size));
+    corner += size;
+  }
+  for (std::size_t e = 0; mesh.elements && e < mesh.elements->size(); ++e) mark(mesh.elements->nodes(e));
+  for (std::size_t f = 0; mesh.cells && f < mesh.cells->face_count(); ++f) mark(mesh.cells->face(f));
+  if (mesh.face_count() == 0 && !mesh.elements && !mesh.cells) {
+    for (std::size_t i = 0; i < mask.size(); ++i) mask[i] = deformable(static_cast<PointId>(i)) ? 0 : 1;
+  }
+  return mask;
 }
 
 }  // namespace deform

@@ -21,4 +21,8 @@ struct ConstraintPoints {
 
 ConstraintPoints constraint_points(const Mesh& mesh, const SelectedRegions& regions);
 
+/// Mask of the constraint points of n that are in a face, or a face of a polyhedral cell, or an element with a deformable one;
+/// all constraint points of a mesh without faces and cells.
+std::vector<char> next_to_deformable(const Mesh& mesh, const std::vector<RegionIndex>& region_of);
+
 }  // namespace deform

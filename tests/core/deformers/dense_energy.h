@@ -328,7 +328,7 @@ class Oracle {
     if (soft_ || model_.eliminated) return Matrix::Zero(rows, 3);
     std::vector<Vec3> held, centres;
     for (const PointId id : model_.held) held.push_back(unit(id));
-    const ResidualCorrection correction(held, ResidualCorrection::centres_for(places.size()), {});
+    const ResidualCorrection correction(held, ResidualCorrection::centres_for(places.size()), {}, {});
     const Field left = equations.misfit(w);
     Matrix misfit(static_cast<Eigen::Index>(correction.centres().size()), 3);
     for (const std::uint32_t centre : correction.centres()) {
