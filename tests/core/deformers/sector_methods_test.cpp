@@ -382,13 +382,6 @@ TEST(SectorMethods, RefusesWhatTheyCannot) {
                      [&] { CompiledForm form(prepare(model.sector, mls)); });
   mls.constraints = {{"flat", {{Region::Ids{model.lows}}}, Planar{}}};
   test::expect_error(ErrorCode::invalid_argument, {"constraints", "sector"}, [&] { prepare(model.sector, mls); });
-  FfdOptions controls;
-  controls.control = FfdControl::controls;
-  deform::Setup lattice = model.setup;
-  lattice.method = controls;
-  lattice.handles[0].region = {Region::ControlIds{{0}}};
-  lattice.fixed.clear();
-  test::expect_error(ErrorCode::invalid_argument, {"symmetry", "CONTROLS"}, [&] { prepare(model.sector, lattice); });
   // What partners must do holds for all methods.
   deform::Setup ffd = model.setup;
   ffd.method = FfdOptions{};
