@@ -54,9 +54,6 @@ void validate_method(const Setup& setup, const Mesh& mesh, Problems& problems) {
     });
     problems.check("method", [&] {
       if (setup.symmetry.empty()) return;
-      if (selects_controls(setup) && has_sector(setup)) {
-        refuse("symmetry[0].sector", "sectors with control CONTROLS", "motions of control points that are periodic themselves");
-      }
       if (keeps_symmetry(setup)) return;
       if (selects_controls(setup)) {
         refuse("symmetry", "symmetry planes with control CONTROLS and coordinates GREEN", "coordinates MEAN_VALUE");

@@ -116,7 +116,7 @@ CageImages cage_images(const Cage& cage, const std::function<Vec3(const Vec3&)>&
                                   [&](std::uint32_t a, double x) { return at[a][0] < x; });
     while (found != order.end() && at[*found][0] <= place[0] + tolerance && distance(at[*found], place) > tolerance) ++found;
     if (found == order.end() || at[*found][0] > place[0] + tolerance) {
-      return {{}, "vertex " + std::to_string(v) + " has no mirror image"};
+      return {{}, "vertex " + std::to_string(v) + " has no image"};
     }
     result.image.push_back(*found);
   }
@@ -130,8 +130,8 @@ CageImages cage_images(const Cage& cage, const std::function<Vec3(const Vec3&)>&
     const auto& [a, b, c] = cage.triangles()[t];
     if (known.contains(sorted({result.image[a], result.image[b], result.image[c]}))) continue;
     return {{},
-            "its vertices are mirror images of each other, but triangle " + std::to_string(t) +
-                " is not that of another: quadrilaterals must be split alike on both sides"};
+            "its vertices are images of each other, but triangle " + std::to_string(t) +
+                " is not that of another: quadrilaterals must be split alike everywhere"};
   }
   return result;
 }
@@ -140,6 +140,18 @@ CageControls cage_controls(const CageOptions& options, const std::shared_ptr<con
   CageControls controls{cage_model(options, mesh), mesh};
   ControlModel& model = controls.model;
   const Cage cage = cage_of(options);
+  if (symmetry.is_sector()) {
+    model.sectors = static_cast<unsigned>(symmetry.sector().count());
+    CageImages next = cage_images(
+        cage, [&](const Vec3& x) { return symmetry.image(x, 1); }, image_tolerance * cage.diagonal());
+    if (next.image.empty()) {
+      refuse_argument("method.cage: the cage is not that of a wheel of " + std::to_string(model.sectors) +
+                      " sectors: turned by one of them it is another (" + next.no_image +
+                      "); coordinates reach beyond a cage, so it must be around the whole wheel, the same in every sector");
+    }
+    model.matches.push_back(std::move(next.image));
+    return controls;
+  }
   std::vector<End> ends;
   for (std::size_t k = 0; k < symmetry.planes(); ++k) {
     const double tolerance = image_tolerance * cage.diagonal() + 2 * symmetry.reach(k);

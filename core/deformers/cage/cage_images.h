@@ -18,7 +18,8 @@
 
 namespace deform {
 
-/// The vertices of a cage and their mean value coordinates in a model with symmetry planes. About each plane the cage must be
+/// The vertices of a cage and their mean value coordinates in a model with symmetry planes or in the sector of a wheel. That of a
+/// sector is around the whole wheel, the same in every sector. About each plane the cage must be
 ///  - its own mirror image, triangle by triangle: then so are the coordinates, and what moves a vertex moves its image; or
 ///  - on one side of it, with its face in the plane: its mirror image stands behind the plane, vertices in the plane stay there,
 ///    and so do points in it, which only those vertices move.
@@ -35,8 +36,8 @@ CageControls cage_controls(const CageOptions& options, const std::shared_ptr<con
 /// points in such planes.
 void check_cut(const ControlModel& model, const Mesh& mesh, const Symmetry& symmetry, const RunContext& context);
 
-/// For each vertex of a cage its mirror image among them; `no_image` has the reason if there is none: "vertex 5 has no mirror
-/// image". `reflect` maps a place to its image. Distances up to `tolerance` do not count.
+/// For each vertex of a cage its image among them, in a plane or another sector; `no_image` has the reason if there is none:
+/// "vertex 5 has no image". `reflect` maps a place to its image. Distances up to `tolerance` do not count.
 struct CageImages {
   std::vector<std::uint32_t> image;
   std::string no_image;

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <map>
 #include <numeric>
 #include <string>
 #include <utility>
@@ -50,26 +49,6 @@ std::vector<std::size_t> checked_places(std::span<const char> bound, std::size_t
   std::vector<std::size_t> result(std::min(HandleBasis::most_held, all.size()));
   for (std::size_t s = 0; s < result.size(); ++s) result[s] = all[s * all.size() / result.size()];
   return result;
-}
-
-/// A number for each handle, the same for those that the same variables drive, as a handle and its images in symmetry planes.
-std::vector<std::size_t> driven_groups(const Setup& setup) {
-  std::map<std::vector<std::size_t>, std::size_t> groups;
-  std::vector<std::size_t> group_of;
-  for (std::size_t h = 0; h < setup.handles.size(); ++h) {
-    const std::string& name = setup.handles[h].name;
-    std::vector<std::size_t> driven_by;
-    for (std::size_t k = 0; k < setup.variables.size(); ++k) {
-      const DesignVariable& variable = setup.variables[k];
-      const bool drives = variable.handle == name || std::any_of(variable.also.begin(), variable.also.end(),
-                                                                 [&](const DrivenHandle& also) { return also.handle == name; });
-      if (drives) driven_by.push_back(k);
-    }
-    if (driven_by.empty()) driven_by.push_back(setup.variables.size() + h);
-    const std::size_t next = groups.size();
-    group_of.push_back(groups.emplace(driven_by, next).first->second);
-  }
-  return group_of;
 }
 
 }  // namespace

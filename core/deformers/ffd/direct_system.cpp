@@ -11,6 +11,7 @@
 #include "core/base/parallel.h"
 #include "core/deformers/ffd/damped_inverse.h"
 #include "core/deformers/ffd/direct_evaluation.h"
+#include "core/deformers/ffd/typical_fields.h"
 
 namespace deform {
 
@@ -35,7 +36,7 @@ DirectSystem::DirectSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup,
   end_stage("assemble");
   context.progress("factor", 0);
   const Eigen::MatrixXd fields = fields_at_held();
-  const HeldInverse::Typical typical{fields, waves_at_held()};
+  const HeldInverse::Typical typical{typical_fields({*mesh_, setup_, points_.region_of, ids_, frames_, box_}), waves_at_held()};
   if (reached_functions(*model_.rows, ids_).size() <= ClampedInverse::most_functions) {
     inverse_ = std::make_unique<const ClampedInverse>(*model_.rows, ids_, model_.clamp, typical, context);
   } else {

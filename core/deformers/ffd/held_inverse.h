@@ -25,7 +25,7 @@ class HeldInverse {
 
   /// What an automatic choice is made for, as columns of values at the held points.
   struct Typical {
-    /// Motions that are to be met: those of the L-curve. The fields 1, x, y and z of each handle, which are 0 elsewhere.
+    /// Motions that are to be met: those of the L-curve. See typical_fields().
     Eigen::MatrixXd fields;
     /// Waves of height 1 that a design may contain besides: control points are not to move far for these. May be empty.
     Eigen::MatrixXd waves;

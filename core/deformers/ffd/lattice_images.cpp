@@ -91,12 +91,73 @@ PlacedMesh placed(const Mesh& mesh, const Symmetry& symmetry, const LatticeFunct
 
 std::string plane_name(std::size_t k) { return "symmetry[" + std::to_string(k) + "]"; }
 
+/// Whether a box that was turned by so many sectors may have a place in common with another box.
+bool may_meet(const Box& turned, const Symmetry& symmetry, unsigned image, const Box& other) {
+  Box around;
+  for (unsigned corner = 0; corner < 8; ++corner) {
+    Vec3 x{};
+    for (std::size_t k = 0; k < 3; ++k) x[k] = (corner >> k & 1u) != 0 ? turned.max[k] : turned.min[k];
+    around.add(symmetry.image(x, image));
+  }
+  const double rounding = image_tolerance * around.diagonal();
+  for (std::size_t k = 0; k < 3; ++k) {
+    if (around.min[k] > other.max[k] + rounding || around.max[k] < other.min[k] - rounding) return false;
+  }
+  return true;
+}
+
+/// Every sector has an image of the lattice. Those that reach the mesh move it, where several do they add up.
+ControlModel sector_controls(const LatticeOptions& options, const Mesh& mesh, const Symmetry& symmetry,
+                             const RunContext& context) {
+  ControlModel model;
+  model.sectors = static_cast<unsigned>(symmetry.sector().count());
+  const Lattice lattice = lattice_of(options, mesh);
+  auto controls = std::make_shared<Mesh>();
+  controls->points = options.control_points.empty() ? lattice.control_points() : options.control_points;
+  model.controls = controls;
+  const Box reach = bounding_box(controls->points), model_box = bounding_box(mesh.points);
+  std::vector<std::uint32_t> reached(mesh.point_count(), 0);  // by how many
+  std::vector<Vec3> crossings;
+  for (unsigned image = 0; image < model.sectors; ++image) {
+    const unsigned back = symmetry.inverse(image);
+    if (image != 0 && !may_meet(model_box, symmetry, back, reach)) continue;
+    Mesh placed = mesh;
+    for (Vec3& x : placed.points) x = symmetry.image(x, back);
+    ModelLattice made = control_lattice(placed, options, context);
+    if (image == 0) {
+      model.notes = std::move(made.notes);
+      model.in_space = made.in_space;
+    } else if (made.outside.size() == mesh.point_count()) {
+      continue;
+    }
+    model.images.push_back({image, made.rows, {}});
+    for (std::uint32_t& count : reached) ++count;
+    for (const std::uint32_t id : made.outside) --reached[id];
+    const std::vector<Vec3> torn = boundary_crossings(placed, options, made);
+    crossings.insert(crossings.end(), torn.begin(), torn.end());
+  }
+  for (std::uint32_t id = 0; id < reached.size(); ++id) {
+    if (reached[id] == 0) model.outside.push_back(id);
+  }
+  const auto several = std::count_if(reached.begin(), reached.end(), [](std::uint32_t count) { return count > 1; });
+  if (several > 0) {
+    model.notes.push_back("Lattices of " + std::to_string(model.images.size()) + " sectors reach the mesh, " +
+                          std::to_string(several) +
+                          " points are in several of them, where displacements add up; keep control points there at rest, or "
+                          "the lattice within its sector");
+  }
+  if (!crossings.empty()) {
+    model.crossings = std::make_shared<const LatticeRows>(lattice, LatticeCoordinates{std::move(crossings), {}});
+  }
+  return model;
+}
+
 constexpr const char* how_to_match = "place it symmetrically about the plane, let it end in the plane, or keep it away from it";
 
 }  // namespace
 
 LatticeOptions whole_lattice(LatticeOptions options, const Mesh& mesh, const Symmetry& symmetry) {
-  if (symmetry.empty() || options.frame) return options;
+  if (symmetry.planes() == 0 || options.frame) return options;
   const Lattice lattice = lattice_around(options, whole_box(mesh, symmetry));
   options.frame = lattice.frame();
   options.points = {lattice.axis(0).size(), lattice.axis(1).size(), lattice.axis(2).size()};
@@ -131,6 +192,7 @@ std::vector<std::uint32_t> lattice_images(const Lattice& lattice, LatticeBasis b
 
 ControlModel lattice_controls(const LatticeOptions& given, const Mesh& mesh, const Symmetry& symmetry,
                               const RunContext& context) {
+  if (symmetry.is_sector()) return sector_controls(given, mesh, symmetry, context);
   const LatticeOptions options = whole_lattice(given, mesh, symmetry);
   const Lattice lattice = lattice_of(options, mesh);
   auto controls = std::make_shared<Mesh>();
@@ -153,7 +215,7 @@ ControlModel lattice_controls(const LatticeOptions& given, const Mesh& mesh, con
   for (unsigned image = 0; image < 1u << symmetry.planes(); ++image) {
     if ((image & matched) != 0) continue;
     ControlImage& to = model.images.emplace_back();
-    to.planes = image;
+    to.image = image;
     ModelLattice made = symmetry.planes() == 0 ? control_lattice(mesh, options, context) : [&] {
       const LatticeFunctions functions(lattice, options.control_points);
       PlacedMesh at = placed(mesh, symmetry, functions, image, matched, context);

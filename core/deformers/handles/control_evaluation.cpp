@@ -68,20 +68,22 @@ void ControlEvaluation::add_jump_warning(std::size_t design) {
 
 void ControlEvaluation::direct_tile(std::size_t tile, std::size_t first, std::size_t count, double* values) const {
   const std::vector<PointId>& ids = system_.following();
+  const Symmetry& symmetry = system_.regions_.symmetry;
   const std::size_t begin = tile * tile_size, end = std::min(begin + tile_size, ids.size());
   std::vector<const Vec3*> vectors;
   for (std::size_t d = 0; d < count; ++d) vectors.push_back(controls_[first + d].data());
   std::vector<Vec3> sums(count);
   std::fill_n(values, 3 * count * tile_size, 0.0);
   for (std::size_t s = begin; s < end; ++s) {
+    const PointId at = symmetry.sector().first_of(ids[s]);
+    const std::size_t components = symmetry.sector().on_axis(at) ? 1 : 3;  // across the axis they add up to rounding
     for (const ControlImage& image : system_.model_.images) {
       if (!image.rows) continue;
-      image.rows->sums(ids[s], vectors, sums.data());
-      const unsigned planes = image.planes_of(ids[s]);
+      image.rows->sums(at, vectors, sums.data());
+      const unsigned number = symmetry.composed(image.image_of(at), at == ids[s] ? 0 : 1);
       for (std::size_t d = 0; d < count; ++d) {
-        for (std::size_t k = 0; k < 3; ++k) {
-          values[(3 * d + k) * tile_size + s - begin] += (planes >> k & 1u) != 0 ? -sums[d][k] : sums[d][k];
-        }
+        const Vec3 u = symmetry.components_in(sums[d], number);
+        for (std::size_t k = 0; k < components; ++k) values[(3 * d + k) * tile_size + s - begin] += u[k];
       }
     }
   }
@@ -100,22 +102,23 @@ SpaceMap::Told ControlEvaluation::displacements_at(std::span<const Vec3> points,
 std::size_t ControlEvaluation::add_images(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out) const {
   const ControlModel& model = system_.model_;
   const Symmetry& symmetry = system_.regions_.symmetry;
-  const unsigned matched = model.matched_planes();
+  // Only planes: all of the wheel's control points reach wherever one of their images does.
+  const std::vector<unsigned> matched = model.sectors > 0 ? std::vector<unsigned>{0} : model.matched_images();
   std::fill(out.begin(), out.end(), Vec3{});
   std::vector<bool> reached(points.size(), false);
   for (const ControlImage& image : model.images) {
     std::vector<std::size_t> left(points.size());
     std::iota(left.begin(), left.end(), std::size_t{0});
-    for (unsigned planes = 0; planes <= matched && !left.empty(); ++planes) {
-      if ((planes & ~matched) != 0) continue;
-      const unsigned mask = planes | image.planes;
+    for (const unsigned planes : matched) {
+      if (left.empty()) break;
+      const unsigned number = symmetry.composed(planes, image.image), back = symmetry.inverse(number);
       // With their numbers in messages: runs of places that follow each other.
       std::vector<std::size_t> outside;
       for (std::size_t at = 0; at < left.size();) {
         std::size_t run = at + 1;
         while (run < left.size() && left[run] == left[run - 1] + 1) ++run;
         std::vector<Vec3> places, sums(run - at);
-        for (std::size_t i = at; i < run; ++i) places.push_back(symmetry.image(points[left[i]], mask));
+        for (std::size_t i = at; i < run; ++i) places.push_back(symmetry.image(points[left[i]], back));
         std::vector<bool> none(run - at, false);
         for (const std::size_t i : model.in_space->sums(places, first + left[at], controls_[0].data(), sums.data())) {
           none[i] = true;
@@ -124,7 +127,7 @@ std::size_t ControlEvaluation::add_images(std::span<const Vec3> points, std::uin
         for (std::size_t i = at; i < run; ++i) {
           if (none[i - at]) continue;
           reached[left[i]] = true;
-          for (std::size_t k = 0; k < 3; ++k) out[left[i]][k] += (mask >> k & 1u) != 0 ? -sums[i - at][k] : sums[i - at][k];
+          out[left[i]] = out[left[i]] + symmetry.components_in(sums[i - at], number);
         }
         at = run;
       }

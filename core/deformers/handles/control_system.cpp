@@ -27,30 +27,18 @@ std::size_t first_row_count(const ComputedRows& rows) {
   return most;
 }
 
-/// A vector in the frame of the planes, reflected in some of them.
-Vec3 reflected(Vec3 components, unsigned planes) {
-  for (std::size_t k = 0; k < 3; ++k) {
-    if ((planes >> k & 1u) != 0) components[k] = -components[k];
-  }
-  return components;
-}
-
-double parity(int odd, unsigned planes) { return odd >= 0 && (planes >> odd & 1u) != 0 ? -1 : 1; }
-
-/// Bases that the components of a displacement need apart: those along normals of planes one each, the others share one.
-std::size_t part_count(const Symmetry& symmetry) { return symmetry.planes() + (symmetry.planes() < 3 ? 1 : 0); }
-
 std::string handle_text(std::uint32_t control, std::size_t handle, const Setup& setup) {
   return std::to_string(control) + " (handle \"" + setup.handles[handle].name + "\")";
 }
 
-/// "symmetry[0]" or "symmetry[0] and symmetry[1]".
-std::string plane_text(unsigned planes) {
+/// "mirror images in symmetry[0] and symmetry[1]", or "images of each other by 2 sectors".
+std::string images_text(unsigned image, const ControlModel& model) {
+  if (model.sectors > 0) return "images of each other by " + std::to_string(image) + (image == 1 ? " sector" : " sectors");
   std::string text;
   for (std::size_t k = 0; k < 3; ++k) {
-    if ((planes >> k & 1u) != 0) text += (text.empty() ? "" : " and ") + std::string("symmetry[") + std::to_string(k) + "]";
+    if ((image >> k & 1u) != 0) text += (text.empty() ? "" : " and ") + std::string("symmetry[") + std::to_string(k) + "]";
   }
-  return text;
+  return "mirror images in " + text;
 }
 
 }  // namespace
@@ -62,33 +50,40 @@ std::size_t ControlModel::row_bytes() const {
   return bytes;
 }
 
-unsigned ControlModel::matched_planes() const {
+std::vector<unsigned> ControlModel::matched_images() const {
+  std::vector<unsigned> result{0};
   unsigned planes = 0;
   for (std::size_t k = 0; k < matches.size(); ++k) planes |= matches[k].empty() ? 0u : 1u << k;
-  return planes;
+  if (planes != 0 && sectors > 0) {
+    for (unsigned image = 1; image < sectors; ++image) result.push_back(image);
+    return result;
+  }
+  for (unsigned image = 1; image <= planes; ++image) {
+    if ((image & ~planes) == 0) result.push_back(image);
+  }
+  return result;
 }
 
-std::uint32_t ControlModel::image_of(std::uint32_t control, unsigned planes) const {
-  for (std::size_t k = 0; k < matches.size() && control != no_control; ++k) {
-    if ((planes >> k & 1u) != 0) control = matches[k][control];
+std::uint32_t ControlModel::image_of(std::uint32_t control, unsigned image) const {
+  for (unsigned turn = 0; sectors > 0 && turn < image; ++turn) control = matches[0][control];
+  for (std::size_t k = 0; sectors == 0 && k < matches.size() && control != no_control; ++k) {
+    if ((image >> k & 1u) != 0) control = matches[k][control];
   }
   return control;
 }
 
 void check_images(const ControlModel& model, const Setup& setup, const SelectedRegions& regions) {
-  const unsigned matched = model.matched_planes();
-  if (matched == 0) return;
+  const std::vector<unsigned> images = model.matched_images();
   std::vector<bool> fixed(model.controls->point_count(), false);
   for (const PointId p : regions.fixed) fixed[p] = true;
   for (std::size_t h = 0; h < regions.handles.size(); ++h) {
     for (const PointId p : regions.handles[h]) {
-      for (unsigned planes = 1; planes <= matched; ++planes) {
-        if ((planes & ~matched) != 0) continue;
-        const std::uint32_t q = model.image_of(p, planes);
+      for (std::size_t i = 1; i < images.size(); ++i) {
+        const std::uint32_t q = model.image_of(p, images[i]);
         if (q == ControlModel::no_control || !fixed[q]) continue;
         refuse_argument("handle \"" + setup.handles[h].name + "\": control point " + std::to_string(p) +
-                        " moves, but its mirror image in " + plane_text(planes) + ", control point " + std::to_string(q) +
-                        ", is in a fixed region; take either of them out with `difference`");
+                        " moves, but control point " + std::to_string(q) + " is in a fixed region, and they are " +
+                        images_text(images[i], model) + "; take either of them out with `difference`");
       }
     }
   }
@@ -136,31 +131,49 @@ std::vector<std::string> ControlSystem::idle_handles(const RunContext& context) 
 }
 
 void ControlSystem::find_sources() {
-  const unsigned matched = model_.matched_planes();
+  const std::vector<unsigned> images = model_.matched_images();
   for (std::uint32_t p = 0; p < fields_.size(); ++p) {
     first_source_.push_back(sources_.size());
-    for (unsigned planes = 0; planes <= matched; ++planes) {
-      if ((planes & ~matched) != 0) continue;
-      const std::uint32_t q = model_.image_of(p, planes);
-      if (q != ControlModel::no_control && moves(q)) sources_.push_back({q, planes});
+    for (const unsigned image : images) {
+      const std::uint32_t q = model_.image_of(p, image);
+      if (q != ControlModel::no_control && moves(q)) sources_.push_back({q, regions_.symmetry.inverse(image)});
     }
   }
   first_source_.push_back(sources_.size());
 }
 
-void ControlSystem::prepare_basis(const EnergyOptions& options, const RunContext& context) {
-  const Symmetry& symmetry = regions_.symmetry;
-  const std::size_t bytes = part_count(symmetry) * HandleBasis::bytes_for(following().size(), fields(), options.basis_tolerance);
-  if (!wants_basis(options.basis, bytes, 0)) return;
-  context.progress("basis", 0);
-  std::vector<std::size_t> others;
-  for (std::size_t k = symmetry.planes(); k < 3; ++k) others.push_back(k);
-  if (!others.empty()) add_part(std::move(others), -1, options.basis_tolerance, context);
-  for (std::size_t k = 0; k < symmetry.planes(); ++k) add_part({k}, static_cast<int>(k), options.basis_tolerance, context);
+/// Those along normals of planes have one each, the others share one. Across the axis of a sector the images add up like complex
+/// numbers, and those of two sectors have no sines.
+std::vector<ControlSystem::Part> ControlSystem::parts(const Symmetry& symmetry) {
+  if (symmetry.is_sector()) {
+    std::vector<Part> result{{{0}}, {{1, 2}, -1, Part::Turn::cosine}};
+    if (symmetry.sector().count() > 2) result.push_back({{1, 2}, -1, Part::Turn::sine});
+    return result;
+  }
+  std::vector<Part> result;
+  if (symmetry.planes() < 3) result.emplace_back();
+  for (std::size_t k = symmetry.planes(); k < 3; ++k) result[0].components.push_back(k);
+  for (std::size_t k = 0; k < symmetry.planes(); ++k) result.push_back({{k}, static_cast<int>(k)});
+  return result;
 }
 
-void ControlSystem::add_part(std::vector<std::size_t> components, int odd, double tolerance, const RunContext& context) {
-  HandleBasis basis{std::move(components), FieldTiles(following().size(), fields()), std::vector<double>(fields(), 0.0)};
+double ControlSystem::factor(const Part& part, unsigned image) const {
+  if (part.turn == Part::Turn::cosine) return regions_.symmetry.sector().cosine(image);
+  if (part.turn == Part::Turn::sine) return regions_.symmetry.sector().sine(image);
+  return part.odd >= 0 && (image >> part.odd & 1u) != 0 ? -1 : 1;
+}
+
+void ControlSystem::prepare_basis(const EnergyOptions& options, const RunContext& context) {
+  const std::vector<Part> all = parts(regions_.symmetry);
+  const std::size_t bytes = all.size() * HandleBasis::bytes_for(following().size(), fields(), options.basis_tolerance);
+  if (!wants_basis(options.basis, bytes, 0)) return;
+  context.progress("basis", 0);
+  for (const Part& part : all) add_part(part, options.basis_tolerance, context);
+}
+
+void ControlSystem::add_part(const Part& part, double tolerance, const RunContext& context) {
+  HandleBasis basis{part.components, FieldTiles(following().size(), fields()), std::vector<double>(fields(), 0.0)};
+  basis.turned = part.turn == Part::Turn::sine;
   basis.more.assign(fields(), 0.0);
   for (std::size_t p = 0; p < fields_.size(); ++p) {
     for (std::size_t f = 0; f < 4 && moves(p); ++f) {
@@ -174,13 +187,15 @@ void ControlSystem::add_part(std::vector<std::size_t> components, int odd, doubl
       std::fill_n(out, fields() * tile_size, 0.0);
       const std::size_t last = std::min((t + 1) * tile_size, following().size());
       for (std::size_t s = t * tile_size; s < last; ++s) {
-        for_each_image(following()[s], [&](std::size_t p, double value, unsigned planes) {
+        // What is added up for points on the axis of a sector is zero but for rounding.
+        if (part.turn != Part::Turn::none && regions_.symmetry.sector().on_axis(following()[s])) continue;
+        for_each_image(following()[s], [&](std::size_t p, double value, unsigned image) {
           const std::span<const Source> from = sources(p);
           if (from.empty()) return;
-          const double share = value * parity(odd, planes) / static_cast<double>(from.size());
+          const double share = value / static_cast<double>(from.size());
           for (const Source& source : from) {
             double* const at = out + first_field(source.control) * tile_size + s % tile_size;
-            const double weight = share * parity(odd, source.planes);
+            const double weight = share * factor(part, regions_.symmetry.composed(source.image, image));
             for (std::size_t f = 0; f < 4; ++f) at[f * tile_size] += weight * fields_[source.control][f];
           }
         });
@@ -198,10 +213,13 @@ void ControlSystem::fill_info() {
                    fields_.size() * (sizeof(Vec3) + sizeof fields_[0]) +
                    (following().size() + model_.outside.size()) * sizeof(PointId));
   info_.notes = model_.notes;
+  if (regions_.symmetry.is_sector()) info_.notes.push_back(regions_.symmetry.sector().note());
   std::size_t moved = 0;  // that are in no handle, but images of them
   for (std::size_t p = 0; p < fields_.size(); ++p) moved += !moves(p) && !sources(p).empty() ? 1 : 0;
   info_.notes.push_back(std::to_string(info_.handle_points) + " control points are in handles, " +
-                        (moved == 0 ? "" : std::to_string(moved) + " are mirror images of these and move with them, ") +
+                        (moved == 0 ? ""
+                                    : std::to_string(moved) + (model_.sectors > 0 ? " are " : " are mirror ") +
+                                          "images of these and move with them, ") +
                         "the other " + std::to_string(fields_.size() - info_.handle_points - moved) + " stay.");
   if (!idle_.empty()) {
     std::string names;
@@ -228,7 +246,7 @@ std::vector<Vec3> ControlSystem::displacements(const BoundDesign& design, Motion
   std::vector<Vec3> result(own.size());
   for (std::size_t p = 0; p < own.size(); ++p) {
     const std::span<const Source> from = sources(p);
-    for (const Source& source : from) result[p] = result[p] + reflected(own[source.control], source.planes);
+    for (const Source& source : from) result[p] = result[p] + regions_.symmetry.components_in(own[source.control], source.image);
     if (!from.empty()) result[p] = result[p] / static_cast<double>(from.size());
   }
   return result;
@@ -240,21 +258,21 @@ void ControlSystem::check_agreement(const std::function<Vec3(PointId)>& motion_o
     const std::span<const Source> from = sources(p);
     for (std::size_t i = 1; i < from.size(); ++i) {
       const auto motion = [&](const Source& source) {
-        return reflected(regions_.symmetry.to_frame(motion_of(source.control)), source.planes);
+        return regions_.symmetry.components_in(regions_.symmetry.to_frame(motion_of(source.control)), source.image);
       };
       const double apart = distance(motion(from[0]), motion(from[i]));
       if (apart <= allowed) continue;
       refuse_argument(what + ": control points " + handle_text(from[0].control, points_.region_of[from[0].control], setup_) +
-                      " and " + handle_text(from[i].control, points_.region_of[from[i].control], setup_) +
-                      " are mirror images in " + plane_text(from[0].planes ^ from[i].planes) +
+                      " and " + handle_text(from[i].control, points_.region_of[from[i].control], setup_) + " are " +
+                      images_text(regions_.symmetry.composed(from[0].image, regions_.symmetry.inverse(from[i].image)), model_) +
                       ", but their motions are not, by " + number_digits(apart) +
-                      "; move them alike, or take those on one side out of the handles with `difference`");
+                      "; move them alike, or take one of them out of the handles with `difference`");
     }
   }
 }
 
 void ControlSystem::check_motions(const BoundDesign& design, std::size_t index) const {
-  if (model_.matched_planes() == 0) return;
+  if (model_.matched_images().size() == 1) return;
   double allowed = image_agreement * info_.diagonal;
   for (std::size_t k = 0; k < regions_.symmetry.planes(); ++k) allowed = std::max(allowed, 4 * regions_.symmetry.reach(k));
   const HeldPoints points = held();
@@ -265,8 +283,7 @@ void ControlSystem::check_motions(const BoundDesign& design, std::size_t index) 
 }
 
 void ControlSystem::check_motions(const std::vector<Affine>& derivative, const std::string& what) const {
-  const unsigned matched = model_.matched_planes();
-  if (matched == 0) return;
+  if (model_.matched_images().size() == 1) return;
   double size = 0;  // of the terms of a rate
   const Box box = bounding_box(held_mesh_->points);
   for (const Affine& m : derivative) {
@@ -298,8 +315,11 @@ HandleSystem::Fields ControlSystem::adjoint(std::span<const double>, Cotangents 
   context.check();
   std::vector<std::vector<Vec3>> g(at_following.size(), std::vector<Vec3>(fields_.size()));
   for (std::size_t s = 0; s < following().size(); ++s) {
-    for_each_image(following()[s], [&](std::size_t p, double value, unsigned planes) {
-      for (std::size_t j = 0; j < g.size(); ++j) g[j][p] = g[j][p] + value * reflected(at_following[j][s], planes);
+    for_each_image(following()[s], [&](std::size_t p, double value, unsigned image) {
+      const unsigned back = regions_.symmetry.inverse(image);
+      for (std::size_t j = 0; j < g.size(); ++j) {
+        g[j][p] = g[j][p] + value * regions_.symmetry.components_in(at_following[j][s], back);
+      }
     });
   }
   Fields result(g.size(), std::vector<double>(3 * fields(), 0.0));
@@ -307,7 +327,8 @@ HandleSystem::Fields ControlSystem::adjoint(std::span<const double>, Cotangents 
     for (std::size_t p = 0; p < fields_.size(); ++p) {
       const std::span<const Source> from = sources(p);
       for (const Source& source : from) {
-        const Vec3 back = reflected(g[j][p], source.planes) / static_cast<double>(from.size());
+        const Vec3 back =
+            regions_.symmetry.components_in(g[j][p], regions_.symmetry.inverse(source.image)) / static_cast<double>(from.size());
         for (std::size_t f = 0; f < 4; ++f) {
           double* const sum = result[j].data() + 3 * (first_field(source.control) + f);
           for (std::size_t k = 0; k < 3; ++k) sum[k] += fields_[source.control][f] * back[k];
@@ -325,13 +346,13 @@ Estimate estimate_controls(const Mesh& mesh, const ControlModel& model, const En
   for (const auto& handle : regions.handles) estimate.constraint_points += handle.size();
   estimate.constraint_points += regions.fixed.size();
   estimate.samples = k;
-  const std::size_t parts = part_count(regions.symmetry);
+  const std::size_t parts = ControlSystem::part_count(regions.symmetry);
   const std::size_t basis_bytes = parts * HandleBasis::bytes_for(n, fields, options.basis_tolerance);
   const bool basis = wants_basis(options.basis, basis_bytes, 0);
   estimate.basis_bytes = basis ? basis_bytes + parts * 2 * fields * sizeof(double) : 0;
   const std::size_t crossings = model.crossings ? model.crossings->bytes() : 0;
   const std::size_t own = point_bytes(n + k, regions.symmetry) + model.row_bytes() + model.in_space->bytes() + crossings +
-                          k * (sizeof(std::size_t) + 2 * sizeof(std::uint32_t) * (std::size_t{1} << regions.symmetry.planes())) +
+                          k * (sizeof(std::size_t) + 2 * sizeof(std::uint32_t) * regions.symmetry.images()) +
                           k * (sizeof(Vec3) + 4 * sizeof(double)) + (n + model.outside.size()) * sizeof(PointId);
   estimate.resident_bytes = estimate.basis_bytes + own;
   // A copy of the mesh whose points are where their functions are taken, while these are found.

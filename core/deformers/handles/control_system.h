@@ -16,14 +16,14 @@
 
 namespace deform {
 
-/// The functions of control points at the points of a mesh, or at images of these in symmetry planes. A point is reflected into
-/// the image, and its displacement back.
+/// The functions of control points at the points of a mesh, or at images of these. The control points have an image, in symmetry
+/// planes or other sectors, that moves the points of the mesh: these are taken back from there, and their displacements forth.
 struct ControlImage {
-  unsigned planes = 0;                           ///< in which the points are reflected (mask)
-  std::shared_ptr<const ControlFunctions> rows;  ///< n x k; null if all functions are zero at all of them
-  std::vector<std::uint8_t> reflected;           ///< n: the planes of each point, if they are not `planes`
+  unsigned image = 0;                            ///< of the control points, see Symmetry::image()
+  std::shared_ptr<const ControlFunctions> rows;  ///< n x k; null if all functions are zero at all points
+  std::vector<std::uint8_t> reflected;           ///< n: the planes of each point, if they are not `image`
 
-  unsigned planes_of(std::size_t point) const { return reflected.empty() ? planes : reflected[point]; }
+  unsigned image_of(std::size_t point) const { return reflected.empty() ? image : reflected[point]; }
 };
 
 /// Control points and their functions on a mesh: the displacement of a point is the sum of the displacements of the control
@@ -32,12 +32,19 @@ struct ControlImage {
 /// In a symmetry plane that is `matched` control points are mirror images of each other: what moves one of them moves the other,
 /// and a point may take its functions from either of its images, as they are the same where both have any. In another plane the
 /// mirror image of all control points stands beside them, so that displacements add up.
+///
+/// In the sector of a wheel the control points either are those of the whole wheel, images of each other in all sectors, and are
+/// matched. Or each sector has an image of all control points, and displacements add up where several reach.
 struct ControlModel {
-  std::shared_ptr<const Mesh> controls;            ///< its points are the k control points
-  std::vector<ControlImage> images;                ///< one for each subset of the planes that are not matched, none first
+  std::shared_ptr<const Mesh> controls;  ///< its points are the k control points
+  /// One for each subset of the planes that are not matched, none first; of a sector one for each that reaches the mesh, itself
+  /// first.
+  std::vector<ControlImage> images;
   std::shared_ptr<const SpaceFunctions> in_space;  ///< the functions at any place
-  /// For each symmetry plane that is matched the mirror image of each control point among them, or no_control; else empty.
+  /// For each symmetry plane that is matched the mirror image of each control point among them, or no_control; else empty. Of
+  /// sectors that are matched the images of control points turned by one sector; else none.
   std::vector<std::vector<std::uint32_t>> matches{};
+  unsigned sectors = 0;  ///< of the wheel; 0 without a sector
   static constexpr std::uint32_t no_control = ~std::uint32_t{0};
   std::vector<std::string> notes;
   std::vector<std::uint32_t> outside;  ///< points at which all functions are zero, ascending
@@ -51,16 +58,17 @@ struct ControlModel {
   double rounding = 5e-14;
   double seconds_per_row = 0;  ///< time to compute the functions at a point; 0: proportional to their number
 
-  std::size_t row_bytes() const;    ///< memory of the images
-  unsigned matched_planes() const;  ///< mask
-  /// The image of a control point in matched planes (mask), or no_control.
-  std::uint32_t image_of(std::uint32_t control, unsigned planes) const;
+  std::size_t row_bytes() const;  ///< memory of the images
+  /// The images in which control points are matched, ascending: 0, which is no image, and others.
+  std::vector<unsigned> matched_images() const;
+  /// What a control point is in one of these, or no_control.
+  std::uint32_t image_of(std::uint32_t control, unsigned image) const;
 };
 
 /// Handles move control points, the other control points stay, and all points of the mesh follow (classical free-form
 /// deformation, thesis 3.2). The handle basis, its derivatives and populations are those of HandleSystem; without a basis,
-/// evaluating a design takes one sum per point. With symmetry planes the displacements of control points are in the frame of
-/// the planes, and those of which an image is in a handle move with it.
+/// evaluating a design takes one sum per point. With symmetry planes or a sector the displacements of control points are in their
+/// frame, and those of which an image is in a handle move with it.
 class ControlSystem : public HandleSystem {
  public:
   /// Only the basis options of `options` are used. Throws the errors of HandleSystem and check_images().
@@ -69,6 +77,9 @@ class ControlSystem : public HandleSystem {
 
   std::unique_ptr<const Evaluation> bind(std::span<const Design> designs, EvaluationPath path,
                                          const RunContext& context) const override;
+
+  /// How many bases the components of displacements need.
+  static std::size_t part_count(const Symmetry& symmetry) { return parts(symmetry).size(); }
 
  private:
   friend class ControlEvaluation;
@@ -82,8 +93,19 @@ class ControlSystem : public HandleSystem {
   /// Throws if motions of control points that are images of each other are not, by more than `allowed`: motion_of(control).
   void check_agreement(const std::function<Vec3(PointId)>& motion_of, double allowed, const std::string& what) const;
   void prepare_basis(const EnergyOptions& options, const RunContext& context);
-  /// A basis of these components: of the one along the normal of plane `odd`, or of others, for which it is -1.
-  void add_part(std::vector<std::size_t> components, int odd, double tolerance, const RunContext& context);
+  /// Components of displacements that images take alike: times a factor, if one alone is considered.
+  struct Part {
+    std::vector<std::size_t> components;
+    int odd = -1;  ///< the plane along whose normal the component is
+    enum class Turn {
+      none,
+      cosine,
+      sine
+    } turn = Turn::none;  ///< across the axis of a sector; the sines are those of turned ones
+  };
+  static std::vector<Part> parts(const Symmetry& symmetry);
+  double factor(const Part& part, unsigned image) const;
+  void add_part(const Part& part, double tolerance, const RunContext& context);
   void find_sources();
   /// The rounding error of a displacement, as a fraction of the largest one of a control point.
   double rounding() const { return static_cast<double>(model_.images.size()) * model_.rounding; }
@@ -96,22 +118,25 @@ class ControlSystem : public HandleSystem {
   /// What moves a control point: itself or its images, if handles hold them.
   struct Source {
     std::uint32_t control;
-    unsigned planes;  ///< of the reflection from there (mask)
+    unsigned image;  ///< that this one is of it
   };
   std::span<const Source> sources(std::size_t control) const {
     return {sources_.data() + first_source_[control], first_source_[control + 1] - first_source_[control]};
   }
-  /// use(control, value, planes) for the functions at a point of the mesh in all of its images.
+  /// use(control, value, image) for the functions at a point of the mesh of all images of the control points. The second of two
+  /// partners has those of the first, turned.
   template <typename Use>
   void for_each_image(PointId id, const Use& use) const {
+    const Symmetry& symmetry = regions_.symmetry;
+    const PointId first = symmetry.sector().first_of(id);
     for (const ControlImage& image : model_.images) {
       if (!image.rows) continue;
-      const unsigned planes = image.planes_of(id);
-      image.rows->for_each(static_cast<std::int64_t>(id),
-                           [&](std::int64_t column, double value) { use(static_cast<std::size_t>(column), value, planes); });
+      const unsigned number = symmetry.composed(image.image_of(first), first == id ? 0 : 1);
+      image.rows->for_each(static_cast<std::int64_t>(first),
+                           [&](std::int64_t column, double value) { use(static_cast<std::size_t>(column), value, number); });
     }
   }
-  /// The displacements of the k control points, with symmetry planes in their frame.
+  /// The displacements of the k control points, with symmetry planes or a sector in their frame.
   std::vector<Vec3> displacements(const BoundDesign& design, MotionKind kind) const;
 
   const ControlModel model_;

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdio>
 #include <limits>
+#include <map>
 
 #include "core/base/error.h"
 #include "core/base/number_text.h"
@@ -270,6 +271,25 @@ std::string scientific(double value) {
 
 std::size_t point_bytes(std::size_t n, const Symmetry& symmetry) {
   return n * (4 + 4 + 4 + 24 + 4 + (symmetry.empty() ? 0 : 1)) + (symmetry.is_sector() ? symmetry.sector().bytes() : 0) + 4096;
+}
+
+std::vector<std::size_t> driven_groups(const Setup& setup) {
+  std::map<std::vector<std::size_t>, std::size_t> groups;
+  std::vector<std::size_t> group_of;
+  for (std::size_t h = 0; h < setup.handles.size(); ++h) {
+    const std::string& name = setup.handles[h].name;
+    std::vector<std::size_t> driven_by;
+    for (std::size_t k = 0; k < setup.variables.size(); ++k) {
+      const DesignVariable& variable = setup.variables[k];
+      const bool drives = variable.handle == name || std::any_of(variable.also.begin(), variable.also.end(),
+                                                                 [&](const DrivenHandle& also) { return also.handle == name; });
+      if (drives) driven_by.push_back(k);
+    }
+    if (driven_by.empty()) driven_by.push_back(setup.variables.size() + h);
+    const std::size_t next = groups.size();
+    group_of.push_back(groups.emplace(driven_by, next).first->second);
+  }
+  return group_of;
 }
 
 }  // namespace deform

@@ -104,6 +104,10 @@ void check_cotangent(const Points& cotangent, std::size_t points);
 std::vector<double> variable_gradient(const HeldPoints& held, std::span<const double> variables, const Points& cotangent,
                                       std::span<const double> fields, const std::vector<HandleFrame>& frames, const UnitBox& box);
 
+/// A number for each handle, the same for those that the same variables drive, as a handle and its images in symmetry planes. A
+/// handle that no variable drives has one of its own.
+std::vector<std::size_t> driven_groups(const Setup& setup);
+
 /// Formats a number as "1.2e-05".
 std::string scientific(double value);
 

@@ -272,19 +272,35 @@ Vec3 Symmetry::slid(const Vec3& x, const Vec3& to, unsigned mask) const {
   return result;
 }
 
-Vec3 Symmetry::image(Vec3 point, unsigned planes) const {
+Vec3 Symmetry::image(Vec3 point, unsigned image) const {
+  if (is_sector()) return image == 0 ? point : turned_point(point, image);
   for (std::size_t k = 0; k < planes_; ++k) {
-    if ((planes >> k & 1u) != 0) point = reflected(point, k);
+    if ((image >> k & 1u) != 0) point = reflected(point, k);
   }
   return point;
+}
+
+Vec3 Symmetry::components_in(Vec3 components, unsigned image) const {
+  if (is_sector()) return sector_.turned(components, image);
+  for (std::size_t k = 0; k < planes_; ++k) {
+    if ((image >> k & 1u) != 0) components[k] = -components[k];
+  }
+  return components;
+}
+
+unsigned Symmetry::inverse(unsigned image) const {
+  const auto count = static_cast<unsigned>(sector_.count());
+  return is_sector() ? (count - image) % count : image;
+}
+
+unsigned Symmetry::composed(unsigned first, unsigned second) const {
+  return is_sector() ? (first + second) % static_cast<unsigned>(sector_.count()) : first ^ second;
 }
 
 Box whole_box(const Mesh& mesh, const Symmetry& symmetry) {
   Box box;
   for (std::size_t g = 0; g < symmetry.images(); ++g) {
-    for (const Vec3& x : mesh.points) {
-      box.add(symmetry.is_sector() ? symmetry.turned_point(x, g) : symmetry.image(x, static_cast<unsigned>(g)));
-    }
+    for (const Vec3& x : mesh.points) box.add(symmetry.image(x, static_cast<unsigned>(g)));
   }
   return box;
 }

@@ -41,7 +41,8 @@ class Symmetry {
   /// point), a mesh on both sides of a plane (with the number of points on the side with fewer, the first and its distance), and
   /// what select() throws.
   Symmetry(std::span<const SymmetryPlane> planes, const Mesh& mesh);
-  /// The same planes for other points, such as control points: on(id) and held() are those of these. Not for a sector.
+  /// The same planes for other points, such as control points: on(id) and held() are those of these. The partners of a sector
+  /// remain those of the mesh.
   Symmetry for_points(std::span<const Vec3> points) const;
 
   std::size_t planes() const { return planes_; }
@@ -72,8 +73,13 @@ class Symmetry {
   Vec3 coordinates(const Vec3& point) const;
   /// The mirror image of a point in a plane, in model coordinates.
   Vec3 reflected(const Vec3& point, std::size_t plane) const;
-  /// The same in several planes (mask), one after the other.
-  Vec3 image(Vec3 point, unsigned planes) const;
+  /// Images have numbers: masks of planes in which a point is reflected, one after the other, or numbers of sectors by which it
+  /// is turned. The image of a point, in model coordinates, and of a displacement in the frame.
+  Vec3 image(Vec3 point, unsigned image) const;
+  Vec3 components_in(Vec3 components, unsigned image) const;
+  /// The image that takes an image back, and that of an image.
+  unsigned inverse(unsigned image) const;
+  unsigned composed(unsigned first, unsigned second) const;
   /// A vector or a point turned by so many sectors, in model coordinates.
   Vec3 turned(const Vec3& vector, std::size_t sectors) const;
   Vec3 turned_point(const Vec3& point, std::size_t sectors) const;

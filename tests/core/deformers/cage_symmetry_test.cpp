@@ -239,7 +239,7 @@ TEST(CageSymmetry, RefusesOtherCages) {
   };
   test::CageMesh mesh = pyramids(low, high);
   mesh.vertices[5][0] += 1e-5;
-  refused(options_of(mesh), {"method.cage", "symmetry[0]", "vertex 5 has no mirror image"});
+  refused(options_of(mesh), {"method.cage", "symmetry[0]", "vertex 5 has no image"});
   mesh = pyramids(low, high);  // the sides across x are split along diagonals that are no images of each other
   std::erase_if(mesh.triangles, [](const Cage::Triangle& t) { return t[2] == 8 || t[2] == 9; });
   for (const Cage::Triangle& t : {Cage::Triangle{0, 4, 6}, {0, 6, 2}, {1, 3, 7}, {1, 7, 5}}) mesh.triangles.push_back(t);
@@ -250,7 +250,7 @@ TEST(CageSymmetry, RefusesOtherCages) {
   deform::Setup unlike = cage_setup(options_of(mesh));
   unlike.handles[1].region = ids({9});
   test::expect_error(ErrorCode::invalid_argument, {"symmetry[0]", "triangle 16", "split alike"}, [&] { prepare(half, unlike); });
-  refused(options_of(pyramids({-0.2, -0.1, -0.6}, high)), {"symmetry[0]", "vertex 0 has no mirror image"});
+  refused(options_of(pyramids({-0.2, -0.1, -0.6}, high)), {"symmetry[0]", "vertex 0 has no image"});
   // Its face in the plane does not reach the end of the sheet.
   refused(options_of(pyramids({0.5, 0, -0.6}, high)), {"ends in symmetry[0]", "6 points", "the first is 0"});
   CageOptions green = options_of(pyramids(low, high));

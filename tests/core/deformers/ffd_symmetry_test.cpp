@@ -483,11 +483,6 @@ TEST(FfdSymmetry, RefusesWhatIsNotSymmetric) {
   }
   setup.symmetry[0].kind = SymmetryPlane::Plane{{0, 0, 0}, {0, 0, 0}};
   test::expect_error(ErrorCode::invalid_argument, {"symmetry[0].normal"}, [&] { prepare(half, setup); });
-  SectorOptions sector;
-  sector.axis = {0, 0, 1};
-  sector.count = 4;
-  setup.symmetry[0].kind = sector;
-  test::expect_error(ErrorCode::invalid_argument, {"symmetry[0].sector", "CONTROLS"}, [&] { prepare(half, setup); });
 }
 
 }  // namespace

@@ -476,6 +476,34 @@ TEST(FfdByMesh, AutomaticClampsBearWavesOfTheModel) {
   }
 }
 
+/// Handles that one variable moves against each other are met as well as handles with variables of their own: the clamp sees what
+/// the variable does. Where it moves them alike they are one handle.
+TEST(FfdByMesh, AutomaticClampsSeeWhatAVariableMoves) {
+  const auto mesh = shared(test::bumpy_sheet(61, 31));
+  for (const bool alike : {false, true}) {
+    deform::Setup joint;
+    joint.method = by_mesh({12, 8, 5});
+    joint.handles = {{"left", test::box({0, 0, -1}, {0.8, 1, 1})}, {"right", test::box({1.2, 0, -1}, {2, 1, 1})}};
+    deform::Setup apart = joint, one = joint;
+    const Vec3 up{0, 0, 1};
+    joint.variables = {{"roll", "left", DesignVariable::Translate{up}}};
+    joint.variables[0].also = {{"right", DesignVariable::Translate{alike ? up : -1.0 * up}}};
+    apart.variables = {{"left", "left", DesignVariable::Translate{up}}, {"right", "right", DesignVariable::Translate{up}}};
+    one.handles = {{"both", {Region::Union{{joint.handles[0].region, joint.handles[1].region}}}}};
+    const auto report = [&](const deform::Setup& setup, const Design& design) {
+      return prepare(mesh, setup)->bind({&design, 1}, EvaluationPath::direct, {})->report(0);
+    };
+    const DesignReport got = report(joint, {{0.2}, {}}), separate = report(apart, {{0.2, alike ? 0.2 : -0.2}, {}});
+    if (alike) {
+      const Affine shift{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0.2};
+      EXPECT_NEAR(got.misfit, report(one, {{}, {{0, shift}}}).misfit, 1e-12);
+    } else {
+      EXPECT_LT(got.misfit, 1.5 * separate.misfit);
+      EXPECT_LT(got.control_displacement, 2 * separate.control_displacement) << "27 where only joint motions are seen";
+    }
+  }
+}
+
 /// Lattices that are too large for a decomposition: the damped least-squares problem, by dense QR of the damped rows.
 TEST(DampedInverse, IsTheDampedSolution) {
   const auto mesh = shared(test::bumpy_sheet(40, 17));

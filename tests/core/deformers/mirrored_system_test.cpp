@@ -82,6 +82,67 @@ TEST(MirroredSystem, IsTheWholeModel) {
   }
 }
 
+/// The whole sheet of half_setup() with its variables. `joined` has one handle on both sides where those of the half touch the
+/// plane, the other a handle for each side.
+deform::Setup whole_with_variables(const WholeSheet& whole, const deform::Setup& half, const SelectedRegions& regions,
+                                   const std::vector<bool>& joined) {
+  deform::Setup setup = half;
+  setup.symmetry.clear();
+  setup.fixed = whole.setup.fixed;
+  const auto mirrored = [](const VariableMotion& motion) {
+    VariableMotion result = motion;
+    if (auto* translation = std::get_if<Translation>(&result)) translation->direction = across(translation->direction);
+    if (auto* rotation = std::get_if<Rotation>(&result)) {
+      rotation->axis = -1.0 * across(rotation->axis);
+      rotation->centre = across(rotation->centre);
+    }
+    if (auto* scaling = std::get_if<Scaling>(&result)) {
+      scaling->axis = across(scaling->axis);
+      scaling->centre = across(scaling->centre);
+    }
+    return result;
+  };
+  for (std::size_t h = 0; h < regions.handles.size(); ++h) {
+    const std::string name = half.handles[h].name;
+    setup.handles[h].region = {Region::Ids{joined[h] ? whole.with_images(regions.handles[h]) : regions.handles[h]}};
+    if (joined[h]) continue;
+    setup.handles.push_back({name + "2", {Region::Ids{whole.copies[h]}}});
+    for (std::size_t k = 0; k < setup.variables.size(); ++k) {
+      DesignVariable& variable = setup.variables[k];
+      if (variable.handle == name) variable.also.push_back({name + "2", mirrored(half.variables[k].kind)});
+      for (const DrivenHandle& driven : half.variables[k].also) {
+        if (driven.handle == name) variable.also.push_back({name + "2", mirrored(driven.kind)});
+      }
+    }
+  }
+  return setup;
+}
+
+/// The automatic clamp sees a handle and its image as the whole model does, whether that has one handle for both or two that the
+/// same variables drive.
+TEST(MirroredSystem, AutomaticClampsAreThoseOfTheWholeModel) {
+  const auto half = shared(test::bumpy_sheet(21, 11));
+  FfdOptions lattice;
+  lattice.control = FfdControl::mesh;
+  CageOptions cage = cage_around();
+  cage.clamp = 0;
+  for (const MethodOptions& method : {MethodOptions{lattice}, MethodOptions{cage}}) {
+    const deform::Setup setup = half_setup(method);
+    const WholeSheet whole(*half, setup, bent);
+    const SelectedRegions regions = validate(setup, *half);
+    const double diagonal = bounding_box(whole.mesh->points).diagonal();
+    const Points got = prepare(half, setup)->evaluate(bent);
+    for (const std::vector<bool>& joined : {std::vector<bool>{true, false}, {false, false}}) {
+      const Points expected = prepare(whole.mesh, whole_with_variables(whole, setup, regions, joined))->evaluate(bent);
+      double off = 0;
+      for (std::size_t i = 0; i < got.size(); ++i) {
+        off = std::max(off, distance(got[i], lerp(expected[i], across(expected[whole.image[i]]), 0.5)));
+      }
+      EXPECT_LT(off, 1e-9 * diagonal) << method.index() << " " << joined[0];
+    }
+  }
+}
+
 TEST(MirroredSystem, JacobianProductsAndPopulations) {
   const auto half = shared(test::bumpy_sheet(21, 11));
   for (const auto& [name, method] : methods()) {

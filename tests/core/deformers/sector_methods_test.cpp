@@ -114,6 +114,43 @@ TEST(SectorMethods, LatticeOfASectorIsThatOfTheWheel) {
   }
 }
 
+/// The automatic clamp of a sector whose hub moves is that of a wheel whose hub is one handle.
+TEST(SectorMethods, AutomaticClampsAreThoseOfTheWheel) {
+  SectorModel model({5, 0.4, 1});
+  FfdOptions options;
+  options.control = FfdControl::mesh;
+  options.lattice.points = {4, 9, 9};
+  model.setup.method = options;
+  Region::Ids hub, casing;
+  for (std::size_t i = 0; i <= model.shape.around; ++i) {
+    for (std::size_t k = 0; k <= model.shape.along; ++k) {
+      hub.ids.push_back(model.at_grid(i, 0, k));
+      casing.ids.push_back(model.at_grid(i, model.shape.outwards, k));
+    }
+  }
+  model.setup.handles[0].region = {hub};
+  model.setup.fixed = {{casing}};
+  model.setup.variables = {{"along", "blade", DesignVariable::Translate{model.frame.axes[0]}},
+                           {"around", "blade", DesignVariable::Rotate{model.frame.axes[0], model.frame.origin}}};
+  const WholeWheel whole(model);
+  deform::Setup wheel = whole.setup;
+  std::vector<Region> hubs;
+  for (const Handle& handle : wheel.handles) hubs.push_back(handle.region);
+  wheel.handles = {{"blade", {Region::Union{hubs}}}};
+  const Design design{{0.1, 0.2}, {}};
+  const Points got = prepare(model.sector, model.setup)->evaluate(design);
+  const Points expected = prepare(whole.wheel, wheel)->evaluate(design);
+  double off = 0;
+  for (std::size_t i = 0; i < got.size(); ++i) {
+    Vec3 mean{};  // of what the wheel does in all sectors
+    for (std::size_t g = 0; g < model.shape.count; ++g) {
+      mean = mean + model.turned_point(expected[whole.image_of[g][i]], -static_cast<double>(g)) / 5.0;
+    }
+    off = std::max(off, distance(got[i], mean));
+  }
+  EXPECT_LT(off, 1e-9 * bounding_box(whole.wheel->points).diagonal());
+}
+
 deform::Setup with_variables(const SectorModel& model) {
   deform::Setup setup = model.setup;
   const auto& frame = model.frame;
@@ -345,13 +382,6 @@ TEST(SectorMethods, RefusesWhatTheyCannot) {
                      [&] { CompiledForm form(prepare(model.sector, mls)); });
   mls.constraints = {{"flat", {{Region::Ids{model.lows}}}, Planar{}}};
   test::expect_error(ErrorCode::invalid_argument, {"constraints", "sector"}, [&] { prepare(model.sector, mls); });
-  FfdOptions controls;
-  controls.control = FfdControl::controls;
-  deform::Setup lattice = model.setup;
-  lattice.method = controls;
-  lattice.handles[0].region = {Region::ControlIds{{0}}};
-  lattice.fixed.clear();
-  test::expect_error(ErrorCode::invalid_argument, {"symmetry", "CONTROLS"}, [&] { prepare(model.sector, lattice); });
   // What partners must do holds for all methods.
   deform::Setup ffd = model.setup;
   ffd.method = FfdOptions{};
