@@ -7,11 +7,13 @@ from typing import Any, Callable, List, Optional, Tuple
 import numpy as np
 
 from ..errors import Error, InvalidArgument
+from ..penalty import Penalty
 from ..reports import Report
 from ..system import System
 
 Objective = Callable[[np.ndarray, Report], float]
 Gradient = Callable[[np.ndarray, Report], np.ndarray]
+_LAST = 1e30
 
 
 class Unusable(Error):
@@ -30,7 +32,9 @@ class ScipyObjective:
     objective(points (n, 3), report): the value of one design, to be minimized.
     gradient(points, report): its gradient with respect to the points, (n, 3); turned into that with respect to the variables by `System.vjp`.
     penalty: the value of a design that must not be used: its verdict is bad, it cannot be evaluated, or the objective has no finite value
-      for it, as after a simulation that diverged. It ranks last and is finite, so that no optimizer meets a NaN. `gradient` is zero there.
+      for it, as after a simulation that diverged. Finite, so that no optimizer meets a NaN; `gradient` is zero there. None: 1e30, which
+      ranks last; with a gradient, for single designs, the least value so far and a slope away from its design, of which `gradient` is the
+      gradient, so that line searches come back to where designs can be used.
       Once more than half of at least 20 designs were so, Unusable is raised.
     options: those of `System.deform`.
 
@@ -38,10 +42,12 @@ class ScipyObjective:
     The last single design is kept, so value and gradient of one x are one request.
     """
 
-    def __init__(self, system: System, objective: Objective, gradient: Optional[Gradient] = None, *, penalty: float = 1e30, **options: Any) -> None:
+    def __init__(self, system: System, objective: Objective, gradient: Optional[Gradient] = None, *, penalty: Optional[float] = None,
+                 **options: Any) -> None:
         self.system = system
         self.objective = objective
         self.penalty = penalty
+        self._sloped = Penalty(system.bounds[:, 1] - system.bounds[:, 0])
         self.evaluated = 0
         """Designs so far."""
         self.unusable = 0
@@ -50,6 +56,7 @@ class ScipyObjective:
         self._options = options
         self._last: Optional[Tuple[np.ndarray, np.ndarray, Report]] = None
         self._no_value: Optional[np.ndarray] = None  # the last single design, where the objective had no finite value
+        self._known: Optional[Tuple[np.ndarray, float]] = None  # the last one that had a value
 
     @property
     def bounds(self) -> List[Tuple[float, float]]:
@@ -57,28 +64,44 @@ class ScipyObjective:
         return [(lower, upper) for lower, upper in self.system.bounds]
 
     def __call__(self, x: np.ndarray) -> Any:
+        last = _LAST if self.penalty is None else self.penalty
         if np.ndim(x) <= 1:
             design, points, report = self._at(np.atleast_1d(np.asarray(x, dtype=np.float64)))
-            known = self._no_value is not None and np.array_equal(self._no_value, design)
-            value = self.penalty if report.bad or known else self._value(points, report)
+            if report.bad or self._knows_no_value(design):
+                return self._penalized(design)[0]
+            value = self._value(points, report)
             if value is None:
                 self._no_value = design
                 self._count_missing(1)
-            return self.penalty if value is None else value
+                return self._penalized(design)[0]
+            self._sloped.usable(design, value)
+            self._known = (design, value)
+            return value
         population = self.system.deform(np.ascontiguousarray(np.asarray(x, dtype=np.float64).T), **self._options)
         self._count(population.reports)
-        values = [self.penalty if report.bad else self._value(points, report) for points, report in zip(population.points, population.reports)]
+        values = [last if report.bad else self._value(points, report) for points, report in zip(population.points, population.reports)]
         self._count_missing(sum(value is None for value in values))
-        return np.array([self.penalty if value is None else value for value in values])
+        return np.array([last if value is None else value for value in values])
 
     def gradient(self, x: np.ndarray) -> np.ndarray:
         """With respect to the design variables, (k,)."""
         if self._gradient is None:
             raise InvalidArgument("gradient: the objective was made without one")
         design, points, report = self._at(np.atleast_1d(np.asarray(x, dtype=np.float64)))
-        if report.bad or (self._no_value is not None and np.array_equal(self._no_value, design)):
-            return np.zeros(len(design))
-        return self.system.vjp(design, self._gradient(points, report))
+        if report.bad or self._knows_no_value(design):
+            return self._penalized(design)[1]
+        gradient = self.system.vjp(design, self._gradient(points, report))
+        if self._known is not None and np.array_equal(self._known[0], design):
+            self._sloped.usable(design, self._known[1], gradient)
+        return gradient
+
+    def _knows_no_value(self, design: np.ndarray) -> bool:
+        return self._no_value is not None and np.array_equal(self._no_value, design)
+
+    def _penalized(self, design: np.ndarray) -> Tuple[float, np.ndarray]:
+        """Value and gradient of a design that must not be used."""
+        sloped = self._sloped.at(design) if self.penalty is None and self._gradient is not None else None
+        return sloped or (_LAST if self.penalty is None else self.penalty, np.zeros(len(design)))
 
     def _at(self, x: np.ndarray) -> Tuple[np.ndarray, np.ndarray, Report]:
         if self._last is None or not np.array_equal(self._last[0], x):

@@ -29,7 +29,7 @@ FAILED = 1e60
 INFEASIBLE = 1e30
 """What they see for one outside of the constraints: this, times 1 plus the sum of the violations."""
 
-TOLERANCE = 1e-9
+TOLERANCE = 1e-6
 """Of constraints, in parts of their limits: optimizers with gradients end on them."""
 
 
@@ -194,27 +194,48 @@ def run_study(path: Union[str, "os.PathLike[str]"], say: Callable[[str], None] =
         task, names, bounds = _task(spec)
         with open_place(spec.place, spec.folder) as place:
             study = Study(spec, journal, task, names, bounds, place, say)
+            ends = []
             try:
                 if spec.doe is not None:
                     study.designs(sample(spec.doe, names, bounds, spec.seed))
                 else:
-                    optimizers.run(study)
+                    ends.append(f"ended: {optimizers.run(study)}")
             except BudgetSpent:
-                pass
+                if spec.optimizer is not None:
+                    ends.append(f"ended: the budget of {spec.budget} designs is spent")
             finally:
-                results.write(spec, names, bounds, task, journal.in_order())
-        say(_shares(journal.in_order()))
+                if spec.optimizer is not None:
+                    ends += _outcome(spec, journal.in_order())
+                results.write(spec, names, bounds, task, journal.in_order(), ends)
+        for line in [*ends, _shares(journal.in_order())]:
+            say(line)
         say(f"results: {spec.folder / 'report.html'}")
         return journal.in_order()
     finally:
         journal.close()
 
 
+def _outcome(spec: Spec, records: List[Dict[str, Any]]) -> List[str]:
+    """What a search found, where that is not what it was for."""
+    best = results.best_of(spec, records)
+    measured = [each for each in records if not failed(each) and all(name in each["values"] for name, _, _ in spec.constraints)]
+    if best is not None:
+        if best is records[0] and len(records) > 1 and len(spec.objectives) == 1:
+            return ["no design is better than the start, design 0"]
+        return []
+    if not measured:
+        return []
+    nearest = min(measured, key=lambda each: max(violations(spec, each), default=0.0))
+    missed = [f"{name} {_named(nearest, name):.6g}, {side} {limit:.6g}" for (name, side, limit), by in zip(spec.constraints, violations(spec, nearest))
+              if by > TOLERANCE]
+    return [f"no design is within the constraints; the nearest is design {nearest['number']}: {'; '.join(missed)}"]
+
+
 def _shares(records: List[Dict[str, Any]]) -> str:
     """What of the workers' time deformation took."""
     deforming, evaluating = (sum(each.get(f"seconds_{what}", 0.0) for each in records) for what in ("deforming", "evaluating"))
     whole = deforming + evaluating
-    return f"{len(records)} designs: {deforming:.3g} s of deforming, {100 * deforming / whole if whole else 0:.3g} % of that with evaluating"
+    return f"{len(records)} designs: {deforming:.3g} s of deforming, {evaluating:.3g} s of evaluating ({100 * deforming / whole if whole else 0:.3g} % is deforming)"
 
 
 def _task(spec: Spec) -> Tuple[Task, Tuple[str, ...], np.ndarray]:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a study knows, kept so that a process may be killed at any moment."""
 
+import ast
 import fcntl
 import json
 import os
@@ -8,6 +9,8 @@ import pathlib
 from typing import Any, Dict, Iterable, List, Mapping
 
 from ..errors import DataLoss, FailedPrecondition
+
+_JUDGING = ("minimize", "maximize", "constraints")
 
 
 class Journal:
@@ -17,7 +20,8 @@ class Journal:
     FailedPrecondition. Not for several threads.
 
     A folder belongs to the study that has finished a design in it; another raises FailedPrecondition. Where none is finished, because none was
-    evaluated or all failed, a changed study begins anew.
+    evaluated or all failed, a changed study begins anew. Where the objective or a constraint names a value that its designs do not have, it may be
+    corrected.
     """
 
     def __init__(self, folder: pathlib.Path, identity: Mapping[str, str]) -> None:
@@ -31,11 +35,13 @@ class Journal:
         path = folder / "journal.jsonl"
         whole = self._read(path) if path.exists() else 0
         changed = _changed(folder, dict(identity))
-        if changed and (_finished(self.records.values()) or _finished(_kept(folder))):
+        finished = [*_finished(self.records.values()), *_finished(_kept(folder))]
+        kept = all(key in _JUDGING for key in changed) and not any(_optimized(folder, each) for each in finished)
+        if changed and finished and not kept:
             raise FailedPrecondition(f"{', '.join(changed)}: changed since {folder} was begun, whose designs would not be those of this study; name "
                                      "another folder, or delete that one")
         self._file = open(path, "ab")
-        if changed:  # what is there goes before the folder is claimed, so that a crash leaves no record to the wrong study
+        if changed and not (finished and kept):  # what is there goes before the folder is claimed, so that a crash leaves no record to the wrong study
             self.records, whole = {}, 0
             for kept in (folder / "results").glob("*.json"):
                 kept.unlink()
@@ -105,5 +111,13 @@ def _kept(folder: pathlib.Path) -> List[Dict[str, Any]]:
     return [json.loads(path.read_text()) for path in (folder / "results").glob("*.json")]
 
 
-def _finished(records: Iterable[Mapping[str, Any]]) -> bool:
-    return any(record["verdict"] != "failed" for record in records)
+def _finished(records: Iterable[Mapping[str, Any]]) -> List[Mapping[str, Any]]:
+    return [record for record in records if record["verdict"] != "failed"]
+
+
+def _optimized(folder: pathlib.Path, record: Mapping[str, Any]) -> bool:
+    """Has a design the values that the study was for when the folder was claimed? Where it has not, as after a slip in a name, nobody could use them."""
+    before = json.loads((folder / "identity.json").read_text())
+    named = {str(name) for key in _JUDGING for value in [ast.literal_eval(before.get(key, "None"))] if value
+             for name in ([value] if isinstance(value, str) else value)}
+    return named <= record["values"].keys()

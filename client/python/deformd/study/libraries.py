@@ -7,6 +7,8 @@ from typing import Iterator
 _EXTRAS = {"yaml": "study", "scipy": "study", "cma": "study", "pymoo": "study", "nlopt": "study", "submitit": "places", "distributed": "places",
            "ray": "places"}
 
+_ADVICE = "which comes with the extra"
+
 
 @contextlib.contextmanager
 def needing_libraries() -> Iterator[None]:
@@ -15,7 +17,7 @@ def needing_libraries() -> Iterator[None]:
         yield
     except ModuleNotFoundError as error:
         module = (error.name or "").partition(".")[0]
-        if module not in _EXTRAS:
+        if module not in _EXTRAS or _ADVICE in str(error):
             raise
-        raise ModuleNotFoundError(f"{error.msg}, which comes with the extra \"{_EXTRAS[module]}\": pip install './client/python[{_EXTRAS[module]}]' from "
+        raise ModuleNotFoundError(f"{error.msg}, {_ADVICE} \"{_EXTRAS[module]}\": pip install './client/python[{_EXTRAS[module]}]' from "
                                   "a clone of deformd", name=error.name) from None

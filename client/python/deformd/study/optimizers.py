@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, Dict, List, Tuple
 import numpy as np
 
 from ..errors import InvalidArgument
+from ..penalty import Penalty
 from .spec import Spec
 
 if TYPE_CHECKING:
@@ -13,6 +14,9 @@ if TYPE_CHECKING:
 
 _WITH_GRADIENTS = ("BFGS", "L-BFGS-B", "SLSQP", "TNC", "CG", "trust-constr")
 _WITH_CONSTRAINTS = ("SLSQP", "COBYLA")
+_NLOPT_ENDS = {1: "success", 2: "the value to stop at is reached", 3: "ftol is reached", 4: "xtol is reached", 5: "the most evaluations", 6: "the longest time"}
+FIRST_STEP = 0.25
+"""Of searches along gradients, in parts of the bounds."""
 
 
 def gradients_of(spec: Spec) -> List[str]:
@@ -30,13 +34,13 @@ def _method(name: str, options: Dict[str, Any]) -> str:
     return str(options.get("method", {"scipy": "L-BFGS-B", "nlopt": "LD_LBFGS"}.get(name, "")))
 
 
-def run(study: "Study") -> None:
-    """Runs the optimizer until it or the budget ends (BudgetSpent)."""
+def run(study: "Study") -> str:
+    """Runs the optimizer until it or the budget ends (BudgetSpent). Returns why it ended, in the words of its library."""
     assert study.spec.optimizer is not None
     name, options = study.spec.optimizer
     if not np.isfinite(study.bounds).all():
         raise InvalidArgument(f"optimizer.{name}: needs finite bounds of all variables")
-    {"cma": _cma, "nsga2": _nsga2, "scipy": _scipy, "nlopt": _nlopt}[name](study, dict(options))
+    return {"cma": _cma, "nsga2": _nsga2, "scipy": _scipy, "nlopt": _nlopt}[name](study, dict(options))
 
 
 def _start(study: "Study", options: Dict[str, Any]) -> np.ndarray:
@@ -48,7 +52,7 @@ def _start(study: "Study", options: Dict[str, Any]) -> np.ndarray:
     return np.clip(start, *study.bounds.T)
 
 
-def _cma(study: "Study", options: Dict[str, Any]) -> None:
+def _cma(study: "Study", options: Dict[str, Any]) -> str:
     import cma
 
     # In the unit cube, since the lengths of variables differ.
@@ -62,9 +66,10 @@ def _cma(study: "Study", options: Dict[str, Any]) -> None:
         asked = strategy.ask()
         records = study.designs([low + np.asarray(u) * (high - low) for u in asked])
         strategy.tell(asked, [study.value(record) for record in records])
+    return "CMA-ES: " + ", ".join(f"{key} {value}" for key, value in strategy.stop().items())
 
 
-def _nsga2(study: "Study", options: Dict[str, Any]) -> None:
+def _nsga2(study: "Study", options: Dict[str, Any]) -> str:
     from pymoo.algorithms.moo.nsga2 import NSGA2
     from pymoo.core.problem import Problem
     from pymoo.optimize import minimize
@@ -86,65 +91,97 @@ def _nsga2(study: "Study", options: Dict[str, Any]) -> None:
                                  for each in records])
 
     minimize(StudyProblem(), NSGA2(**options), ("n_gen", generations), seed=study.spec.seed)
+    return f"NSGA-II: {generations} generations"
 
 
 class _Smooth:
-    """Objective and constraints of one design with their gradients at the variables, for methods that take one design at a time."""
+    """Objective and constraints of one design with their gradients, for methods that take one design at a time. Places are in the unit cube of the
+    bounds, since the lengths of variables differ. The objective is 0 at the start, where its gradient has the length FIRST_STEP: that is how far
+    methods without a better idea go at first, in parts of the cube. Without gradients it is in parts of what it is at the start."""
 
-    def __init__(self, study: "Study") -> None:
-        self.study = study
-
-    def objective(self, x: np.ndarray) -> Tuple[float, np.ndarray]:
-        from .driver import FAILED, failed
-
-        record = self.study.designs([np.clip(x, *self.study.bounds.T)])[0]
-        if failed(record):
-            return FAILED, np.zeros(len(x))
-        name, sign = self.study.spec.objectives[0]
-        return self.study.objective(record), sign * np.array(record["gradients"].get(name, np.zeros(len(x))))
-
-    def constraint(self, number: int, x: np.ndarray) -> Tuple[float, np.ndarray]:
-        """Its violation, negative within."""
+    def __init__(self, study: "Study", start: np.ndarray, gradients: bool) -> None:
         from .driver import failed
 
-        record = self.study.designs([np.clip(x, *self.study.bounds.T)])[0]
+        self.study = study
+        low, high = study.bounds.T
+        self._low, self._span = low, high - low
+        self._rest = start
+        self.start = (start - low) / np.where(self._span > 0, self._span, 1.0)
+        self._penalty = Penalty(np.ones(len(start)))
+        first = self._record(self.start)
+        if failed(first):
+            raise InvalidArgument(f"optimizer.start: design 0 is {first['verdict']} ({'; '.join(first['reasons'])[:200]}); a search needs a start that "
+                                  "can be used")
+        self._zero, self._unit = study.objective(first), 1.0
+        slope = float(np.linalg.norm(self._slope(first, study.spec.objectives[0][0]))) if gradients else 0.0
+        self._unit = slope / FIRST_STEP if slope > 1e-12 * abs(self._zero) else abs(self._zero) or 1.0
+        self._usable = (self.start, first)
+        self.objective(self.start)
+
+    def objective(self, u: np.ndarray) -> Tuple[float, np.ndarray]:
+        from .driver import failed
+
+        record = self._record(u)
         if failed(record):
-            return 1e10, np.zeros(len(x))
+            return self._penalty.at(u)  # type: ignore[return-value]  # the start can be used
+        name, sign = self.study.spec.objectives[0]
+        value, gradient = (self.study.objective(record) - self._zero) / self._unit, sign * self._slope(record, name) / self._unit
+        self._penalty.usable(u, value, gradient)
+        self._usable = (np.array(u), record)
+        return value, gradient
+
+    def constraint(self, number: int, u: np.ndarray) -> Tuple[float, np.ndarray]:
+        """Its violation, negative within. Where a design failed, what the last one that did not lets expect."""
+        from .driver import failed
+
+        record = self._record(u)
+        place, known = self._usable if failed(record) else (u, record)
         name, side, limit = self.study.spec.constraints[number]
-        slope = np.array(record["gradients"].get(name, np.zeros(len(x)))) / (abs(limit) or 1.0)
-        return self.study.violations(record)[number], slope if side == "max" else -slope
+        slope = self._slope(known, name) / (abs(limit) or 1.0) * (1 if side == "max" else -1)
+        return self.study.violations(known)[number] + float(slope @ (u - place)), slope
+
+    def _record(self, u: np.ndarray) -> Dict[str, Any]:
+        u = np.clip(u, 0, 1)
+        # The start itself, without the rounding of the way there and back.
+        return self.study.designs([np.where(u == self.start, self._rest, np.clip(self._low + u * self._span, *self.study.bounds.T))])[0]
+
+    def _slope(self, record: Dict[str, Any], name: str) -> np.ndarray:
+        return np.array(record.get("gradients", {}).get(name, np.zeros(len(self._low)))) * self._span
 
 
-def _scipy(study: "Study", options: Dict[str, Any]) -> None:
+def _scipy(study: "Study", options: Dict[str, Any]) -> str:
     from scipy.optimize import minimize
 
     start, method = _start(study, options), _method("scipy", options)
     options.pop("method", None)
-    smooth = _Smooth(study)
     gradients = method in _WITH_GRADIENTS
+    if study.spec.constraints and method not in _WITH_CONSTRAINTS:
+        raise InvalidArgument(f"optimizer.scipy.method: {method} takes no constraints; {' and '.join(_WITH_CONSTRAINTS)} do")
+    smooth = _Smooth(study, start, gradients)
     constraints = []
-    if study.spec.constraints:
-        if method not in _WITH_CONSTRAINTS:
-            raise InvalidArgument(f"optimizer.scipy.method: {method} takes no constraints; {' and '.join(_WITH_CONSTRAINTS)} do")
-        for i in range(len(study.spec.constraints)):
-            each = {"type": "ineq", "fun": lambda x, i=i: -smooth.constraint(i, x)[0]}
-            if gradients:
-                each["jac"] = lambda x, i=i: -smooth.constraint(i, x)[1]
-            constraints.append(each)
-    bounded = {} if method in ("BFGS", "CG") else {"bounds": list(map(tuple, study.bounds))}
-    minimize(smooth.objective if gradients else lambda x: smooth.objective(x)[0], start, jac=True if gradients else None, method=method,
-             constraints=constraints, options=options, **bounded)
+    for i in range(len(study.spec.constraints)):
+        each = {"type": "ineq", "fun": lambda u, i=i: -smooth.constraint(i, u)[0]}
+        if gradients:
+            each["jac"] = lambda u, i=i: -smooth.constraint(i, u)[1]
+        constraints.append(each)
+    bounded = {} if method in ("BFGS", "CG") else {"bounds": [(0.0, 1.0)] * len(start)}
+    found = minimize(smooth.objective if gradients else lambda u: smooth.objective(u)[0], smooth.start, jac=True if gradients else None, method=method,
+                     constraints=constraints, options=options, **bounded)
+    return f"{method} of SciPy: {found.message}"
 
 
-def _nlopt(study: "Study", options: Dict[str, Any]) -> None:
+def _nlopt(study: "Study", options: Dict[str, Any]) -> str:
     import nlopt
 
     start, method = _start(study, options), _method("nlopt", options)
     options.pop("method", None)
     if not hasattr(nlopt, method):
         raise InvalidArgument(f"optimizer.nlopt.method: NLopt has no {method}")
+    tolerance = float(options.pop("xtol_rel", 1e-6))
+    if options:
+        raise InvalidArgument(f"optimizer.nlopt: unknown options {', '.join(options)}; method, start and xtol_rel are known")
     optimizer = nlopt.opt(getattr(nlopt, method), len(start))
-    smooth = _Smooth(study)
+    smooth = _Smooth(study, start, method.startswith("LD_"))
     nlopt.srand(study.spec.seed)
 
     def into(pair: Tuple[float, np.ndarray], gradient: np.ndarray) -> float:
@@ -152,15 +189,14 @@ def _nlopt(study: "Study", options: Dict[str, Any]) -> None:
             gradient[:] = pair[1]
         return pair[0]
 
-    optimizer.set_lower_bounds(study.bounds[:, 0])
-    optimizer.set_upper_bounds(study.bounds[:, 1])
-    optimizer.set_min_objective(lambda x, gradient: into(smooth.objective(x), gradient))
+    optimizer.set_lower_bounds(np.zeros(len(start)))
+    optimizer.set_upper_bounds(np.ones(len(start)))
+    optimizer.set_min_objective(lambda u, gradient: into(smooth.objective(u), gradient))
     for i in range(len(study.spec.constraints)):
-        optimizer.add_inequality_constraint(lambda x, gradient, i=i: into(smooth.constraint(i, x), gradient), 1e-8)
-    optimizer.set_xtol_rel(float(options.pop("xtol_rel", 1e-6)))
-    if options:
-        raise InvalidArgument(f"optimizer.nlopt: unknown options {', '.join(options)}; method, start and xtol_rel are known")
+        optimizer.add_inequality_constraint(lambda u, gradient, i=i: into(smooth.constraint(i, u), gradient), 1e-8)
+    optimizer.set_xtol_rel(tolerance)
     try:
-        optimizer.optimize(start)
+        optimizer.optimize(smooth.start)
     except nlopt.RoundoffLimited:
-        pass
+        return f"{method} of NLopt: limited by rounding"
+    return f"{method} of NLopt: {_NLOPT_ENDS.get(optimizer.last_optimize_result(), optimizer.last_optimize_result())}"

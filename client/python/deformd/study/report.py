@@ -19,11 +19,13 @@ _STYLE = "body{font:15px sans-serif;max-width:70em;margin:2em auto;color:#222}ta
 _WIDTH, _HEIGHT = 900.0, 300.0
 
 
-def page(spec: Spec, names: Sequence[str], bounds: np.ndarray, task: Task, records: List[Record], best: Optional[Record]) -> str:
+def page(spec: Spec, names: Sequence[str], bounds: np.ndarray, task: Task, records: List[Record], best: Optional[Record],
+         ends: Sequence[str]) -> str:
     """The page: counts, the history, all designs as parallel coordinates, the best beside the original with its quality, failures."""
     counts = {verdict: sum(each["verdict"] == verdict for each in records) for verdict in ("good", "doubtful", "unknown", "bad", "failed")}
     parts = [f"<h1>{html.escape(spec.folder.name)}</h1><p>{len(records)} designs: " +
              ", ".join(f"{count} {verdict}" for verdict, count in counts.items() if count) + ".</p>"]
+    parts += [f"<p>{html.escape(line[:1].upper() + line[1:])}.</p>" for line in ends]
     if spec.objectives:
         parts.append(_history(spec, records))
     parts.append(_parallel(spec, names, bounds, records, best))
@@ -41,7 +43,9 @@ def _history(spec: Spec, records: List[Record]) -> str:
 
     found = []
     for name, sign in spec.objectives:
-        known = [(each["number"], each["values"][name], all(v <= TOLERANCE for v in violations(spec, each))) for each in records if name in each["values"]]
+        wanted = {name, *(each for each, _, _ in spec.constraints)}
+        known = [(each["number"], each["values"][name], all(v <= TOLERANCE for v in violations(spec, each)))
+                 for each in records if wanted <= each["values"].keys()]
         if not known:
             continue
         low, high = min(value for _, value, _ in known), max(value for _, value, _ in known)
@@ -84,7 +88,9 @@ def _parallel(spec: Spec, names: Sequence[str], bounds: np.ndarray, records: Lis
     marks = "".join(f"<line x1='{60 + i * step:.1f}' x2='{60 + i * step:.1f}' y1='40' y2='{_HEIGHT - 40}' stroke='#333'/><g font-size='12' text-anchor='middle'>"
                     f"<text x='{60 + i * step:.1f}' y='16'>{html.escape(name)}</text><text x='{60 + i * step:.1f}' y='34'>{high:.4g}</text>"
                     f"<text x='{60 + i * step:.1f}' y='{_HEIGHT - 22}'>{low:.4g}</text></g>" for i, (name, low, high) in enumerate(axes))
-    return f"<h2>All designs</h2><p>Red is the best one, grey failed.</p><svg viewBox='0 0 {_WIDTH:.0f} {_HEIGHT:.0f}'>{''.join(lines)}{marks}</svg>"
+    legend = ", ".join(["Red is the best one"] * (best is not None) + ["grey failed"] * any(each["verdict"] in ("bad", "failed") for each in records))
+    legend = f"<p>{legend[:1].upper()}{legend[1:]}.</p>" if legend else ""
+    return f"<h2>All designs</h2>{legend}<svg viewBox='0 0 {_WIDTH:.0f} {_HEIGHT:.0f}'>{''.join(lines)}{marks}</svg>"
 
 
 def _best(names: Sequence[str], task: Task, best: Record) -> str:

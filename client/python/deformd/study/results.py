@@ -17,9 +17,9 @@ from .worker import Task
 Record = Dict[str, Any]
 
 
-def write(spec: Spec, names: Sequence[str], bounds: np.ndarray, task: Task, records: List[Record]) -> None:
+def write(spec: Spec, names: Sequence[str], bounds: np.ndarray, task: Task, records: List[Record], ends: Sequence[str]) -> None:
     """history.csv, history.json, report.html, history.parquet where pyarrow is there, and manifest.json where meshes are written. The histories
-    have nothing that depends on the time."""
+    have nothing that depends on the time. ends: lines of the report that say how a search ended."""
     columns = list(names) + sorted({name for record in records for name in record["values"]})
     rows = [_row(names, record) for record in records]
     text = io.StringIO()
@@ -31,7 +31,7 @@ def write(spec: Spec, names: Sequence[str], bounds: np.ndarray, task: Task, reco
     _write_parquet(spec, ["number", *columns, "verdict", "reasons"], rows)
     if spec.meshes is not None:
         write_whole(spec.folder / "manifest.json", json.dumps(_manifest(spec, names, bounds, task, records), indent=1).encode())
-    write_whole(spec.folder / "report.html", page(spec, names, bounds, task, records, best_of(spec, records)).encode())
+    write_whole(spec.folder / "report.html", page(spec, names, bounds, task, records, best_of(spec, records), ends).encode())
 
 
 def _write_parquet(spec: Spec, columns: List[str], rows: List[Record]) -> None:
@@ -50,7 +50,8 @@ def best_of(spec: Spec, records: List[Record]) -> Optional[Record]:
     if not spec.objectives:
         return None
     name, sign = spec.objectives[0]
-    usable = [each for each in records if not failed(each) and all(v <= TOLERANCE for v in violations(spec, each))]
+    wanted = {name, *(each for each, _, _ in spec.constraints)}
+    usable = [each for each in records if not failed(each) and wanted <= each["values"].keys() and all(v <= TOLERANCE for v in violations(spec, each))]
     return min(usable, key=lambda each: sign * each["values"][name], default=None)
 
 
