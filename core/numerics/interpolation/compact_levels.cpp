@@ -191,7 +191,8 @@ CompactLevels::Bytes CompactLevels::estimate(std::span<const Vec3> places, std::
     const NearCells cells = cells_of(places, level);
     const SparseMatrix matrix = level_matrix(cells);
     const SparseCholesky::Estimate factor = SparseCholesky::estimate(matrix);
-    const std::size_t own = level.members.size() * (3 * sizeof(std::uint32_t) + sizeof(Vec3));  // at most those of used()
+    // Their positions, and at most those of used() with its places, which whoever evaluates holds in tiles as well.
+    const std::size_t own = level.members.size() * (3 * sizeof(std::uint32_t) + 2 * sizeof(Vec3));
     const std::size_t entries = static_cast<std::size_t>(matrix.nonZeros()) * entry;
     bytes.peak = std::max(bytes.peak, bytes.resident + cells.bytes() + own + 2 * entries + factor.peak_bytes);
     bytes.resident += cells.bytes() + own + factor.factor_bytes;

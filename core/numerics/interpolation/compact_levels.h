@@ -53,7 +53,8 @@ class CompactLevels {
   /// The number of coefficients.
   std::size_t rows() const { return rows_; }
   std::size_t bytes() const;
-  /// What it will take, from the symbolic analysis of its matrices: bytes() to a few percent, and the peak while it is made.
+  /// What it will take, from the symbolic analysis of its matrices: bytes() with another copy of used_places(), at least, and the
+  /// peak while it is made.
   struct Bytes {
     std::size_t resident = 0, peak = 0;
   };
