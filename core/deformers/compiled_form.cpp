@@ -47,12 +47,8 @@ CompiledForm::CompiledForm(const std::shared_ptr<const System>& system)
   }
   if (!system_->has_basis()) refuse_form(system_->without_basis());
   check_sector();
-  if (system_->held_mesh_ != system_->mesh_ && !system_->regions_.symmetry.empty()) {
-    refuse_form(
-        "with symmetry planes mirror images of control points move with them, which is checked for each design; compile the "
-        "whole "
-        "model, or evaluate on the server");
-  }
+  const std::string unchecked = system_->unchecked_motions();
+  if (!unchecked.empty()) refuse_form(unchecked);
   if (setup.variables.empty()) refuse_form("its setup has no design variables");
   const SystemInfo& info = system_->info();
   content_.method = with_method(setup, []<Method M>(const typename M::Options&) { return std::string(M::name); });
@@ -73,6 +69,7 @@ CompiledForm::CompiledForm(const std::shared_ptr<const System>& system)
 
 /// Whether motions keep partners images of each other is checked here and not by what evaluates the file.
 void CompiledForm::check_sector() const {
+  if (system_->held_mesh_ != system_->mesh_) return;
   const Symmetry& symmetry = system_->regions_.symmetry;
   const auto check = [&](PointId id, const std::string& where) {
     const RegionIndex region = system_->points_.region_of[id];

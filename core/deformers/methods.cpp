@@ -109,6 +109,13 @@ ControlSet controls_of(const Setup& setup, const Mesh& mesh, const Symmetry& sym
   });
 }
 
+std::vector<Vec3> control_places(const Setup& setup, const Mesh& mesh, const Symmetry& symmetry) {
+  return with_method(setup, [&]<Method M>([[maybe_unused]] const typename M::Options& options) {
+    if constexpr (requires { M::control_places(options, mesh, symmetry); }) return M::control_places(options, mesh, symmetry);
+    return std::vector<Vec3>{};
+  });
+}
+
 std::optional<std::vector<PointId>> known_centres(const Mesh& mesh, const Setup& setup) {
   if (is_composed(setup)) {
     validate(setup, mesh);

@@ -52,6 +52,8 @@ void validate_method(const Setup& setup, const Mesh& mesh, Problems& problems);
 bool selects_controls(const Setup& setup);
 /// The control points of a setup with valid options; `symmetry` is that of the setup.
 ControlSet controls_of(const Setup& setup, const Mesh& mesh, const Symmetry& symmetry);
+/// Where they are at rest, model units; empty for methods without `static std::vector<Vec3> control_places(...)`.
+std::vector<Vec3> control_places(const Setup& setup, const Mesh& mesh, const Symmetry& symmetry);
 /// Whether the method of the setup has symmetry planes of its own: MethodFeatures::symmetry, or with these options
 /// `static bool keeps_symmetry(const Options&)`.
 bool keeps_symmetry(const Setup& setup);

@@ -8,6 +8,7 @@
 #include "core/base/parallel.h"
 #include "core/deformers/composed/composed_system.h"
 #include "core/deformers/constrained/constraint_sets.h"
+#include "core/deformers/handles/sliding_checks.h"
 #include "core/deformers/methods.h"
 #include "core/deformers/mirrored_system.h"
 #include "core/deformers/space_map.h"
@@ -79,8 +80,28 @@ Estimate estimate(const Mesh& mesh, const Setup& setup, const SelectedRegions& r
   return expected;
 }
 
+namespace {
+
+/// In setups of several methods that of points of the mesh.
+void check_sliding(const Mesh& mesh, const Setup& setup, const SelectedRegions& regions, Problems& problems) {
+  const bool any = std::any_of(regions.stages.begin(), regions.stages.end(),
+                               [](const SelectedRegions& stage) { return stage.of == SelectedRegions::Of::control_points; });
+  const FlatCase flat(mesh);
+  if (any || (regions.symmetry.planes() == 0 && !flat.exists())) return;
+  problems.check("handles", [&] { check_one_sided(flat, setup, regions); });
+  const bool controls = regions.of == SelectedRegions::Of::control_points;
+  const std::vector<Vec3> places = controls ? control_places(setup, mesh, regions.symmetry) : std::vector<Vec3>();
+  const SlidingPlaces at{regions.symmetry, controls ? places : mesh.points, regions.handles, bounding_box(mesh.points).diagonal(),
+                         controls ? "control point" : "point"};
+  check_variables_slide(setup, at, problems);
+  if (problems.empty()) check_variables_flat(flat, setup, at, problems);
+}
+
+}  // namespace
+
 void find_problems(const Mesh& mesh, const Setup& setup, Problems& problems, const RunContext& context) {
   const SelectedRegions regions = validate(setup, mesh, problems, context);
+  if (problems.empty()) check_sliding(mesh, setup, regions, problems);
   const Box box = bounding_box(mesh.points);
   check_constraint_sets(mesh, setup, regions, {box.min, std::max(box.diagonal(), std::numeric_limits<double>::min())}, problems);
   if (problems.empty()) problems.check("", [&] { estimate(mesh, setup, regions); });

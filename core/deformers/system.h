@@ -231,7 +231,8 @@ Estimate estimate(const Mesh& mesh, const Setup& setup, const RunContext& contex
 Estimate estimate(const Mesh& mesh, const Setup& setup, const SelectedRegions& regions);
 
 /// Finds all problems of a setup that can be found without numerical work: those of validate(), constraints that do not fit their
-/// points, and if there are none of these, the errors of estimate(). Entries that `problems` contains already are skipped.
+/// points, variables that lead points of handles out of symmetry planes, and if there are none of these, the errors of
+/// estimate(). Entries that `problems` contains already are skipped.
 void find_problems(const Mesh& mesh, const Setup& setup, Problems& problems, const RunContext& context = {});
 
 /// Prepares a system. The system keeps the mesh alive and does not copy it. Throws the errors of validate(),

@@ -71,7 +71,9 @@ class Quality(EndToEnd):
         self.fails(4, "quality", "out.obj", "--fail-on", "face_quality<0.9", "--html", "failed.html",
                    says=["out.obj: face_quality<0.9: it is 0."], prints=True)
         self.assertIn("class=\"bad\">failed: face_quality&lt;0.9", read_bytes(self.path("failed.html")).decode())
-        self.fails(2, "quality", "out.obj", "--fail-on", "flipped_faces>0", says=["there is no measure \"flipped_faces\""])
+        self.fails(2, "quality", "out.obj", "--fail-on", "flipped_faces>0", says=["flipped_faces is measured with --before"])
+        self.fails(2, "quality", "out.obj", "--fail-on", "wall_height<1e-3", says=["wall_height is measured with --wall"])
+        self.fails(2, "quality", "out.obj", "--fail-on", "flipped>0", says=["there is no measure \"flipped\""])
         self.fails(2, "quality", "out.obj", "--fail-on", "least_angle", says=["--fail-on least_angle", "NAME>NUMBER"])
 
     def test_flips_and_other_meshes(self):

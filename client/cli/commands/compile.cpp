@@ -15,6 +15,7 @@
 #include "client/cli/commands/workspace.h"
 #include "client/cli/output/format.h"
 #include "client/cli/output/result_json.h"
+#include "client/cli/setup/control_lattice.h"
 #include "client/cli/sweep/durable_file.h"
 #include "core/base/text.h"
 #include "core/compiled/reader.h"
@@ -127,10 +128,11 @@ void check_compilable(const v1::Setup& setup) {
   }
   if (setup.variables_size() == 0) refuse("it has no design variables; add `variables` to it");
   const v1::Method::KindCase kind = setup.method().kind_case();
-  if (setup.symmetry_size() > 0 && kind != v1::Method::kRbf && kind != v1::Method::KIND_NOT_SET) {
+  // Of handles that hold control points the server says more.
+  if (setup.symmetry_size() > 0 && kind != v1::Method::kRbf && kind != v1::Method::KIND_NOT_SET && !selects_controls(setup)) {
     refuse(
-        "with symmetry planes or a sector its method deforms the model with its images; use method rbf, or compile the whole "
-        "model");
+        "with symmetry planes or a sector its method deforms the model with its images; use method rbf, control CONTROLS of a "
+        "lattice or cage, or compile the whole model");
   }
   if (setup.method().has_cage() && setup.method().cage().coordinates() == v1::GREEN) {
     refuse(

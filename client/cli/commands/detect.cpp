@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
+#include <algorithm>
+#include <cctype>
+#include <cmath>
 #include <iomanip>
 #include <iostream>
 #include <memory>
@@ -15,7 +18,9 @@
 #include "client/cli/output/format.h"
 #include "client/cli/output/result_json.h"
 #include "client/cli/setup/region_points.h"
+#include "client/setup/mirror_planes.h"
 #include "core/base/text.h"
+#include "core/base/vectors.h"
 
 namespace deform::cli {
 
@@ -178,6 +183,42 @@ void keep_edited(const std::filesystem::path& path, const std::string& text) {
                                                "edited; name another file, or replace it by --overwrite");
 }
 
+/// Planes that were found where the model is mirrored: those of the setup or, of a mesh file, of groups that are called so.
+void mark_symmetry(const client::Detected& detected, const v1::Setup& given, const Mesh& mesh, DetectedSetupOptions& written) {
+  v1::Setup setup;
+  *setup.mutable_symmetry() = given.symmetry();
+  std::vector<std::string> names;
+  for (const Group& group : mesh.groups) {
+    std::string name = group.name;
+    std::transform(name.begin(), name.end(), name.begin(), [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+    if (!written.beginning.empty() || name.find("symm") == std::string::npos || (group.points.empty() && group.faces.empty()))
+      continue;
+    setup.add_symmetry()->mutable_region()->set_group(group.name);
+    names.push_back(group.name);
+  }
+  const auto planes = client::mirror_planes(setup, mesh);
+  const double near = client::MirrorPlane::flatness * bounding_box(mesh.points).diagonal();
+  std::string entries;
+  for (std::size_t k = 0; k < planes.size(); ++k) {
+    bool found = false;
+    for (const auto& primitive : detected.primitives) {
+      const bool within = planes[k] && primitive.about.kind() == v1::PRIMITIVE_PLANE &&
+                          std::all_of(primitive.points.begin(), primitive.points.end(), [&](PointId id) {
+                            return std::abs(dot(planes[k]->normal, mesh.points[id] - planes[k]->point)) <= near;
+                          });
+      if (!within) continue;
+      found = true;
+      written.in_symmetry[primitive.about.name()] =
+          names.empty() ? "lies in symmetry[" + std::to_string(k) + "]: its points slide there anyway"
+                        : "is the symmetry plane of group " + yaml_text(names[k]) + ": its points slide there anyway";
+    }
+    if (found && !names.empty()) entries += (entries.empty() ? "" : ", ") + ("{region: {group: " + yaml_text(names[k]) + "}}");
+  }
+  if (!entries.empty()) {
+    written.symmetry = "symmetry: [" + entries + "]  # of a half model; take it out, with the comment below, if it is none\n";
+  }
+}
+
 DetectedSetup write_setup(const DetectCommand& options, const Input& input, const client::Detected& detected, const Mesh& mesh) {
   DetectedSetupOptions written = input.written;
   if (!written.beginning.empty()) {
@@ -186,6 +227,7 @@ DetectedSetup write_setup(const DetectCommand& options, const Input& input, cons
   }
   for (const auto& primitive : detected.primitives) check_ids(primitive.points, mesh, primitive.about.name());
   for (const auto& edge : detected.edges) check_ids(edge.points, mesh, edge.about.name());
+  mark_symmetry(detected, input.setup, mesh, written);
   if (options.exact) written.kept = DetectedSetupOptions::Kept::exactly;
   const DetectedSetup result = detected_setup(detected, written);
   if (!options.overwrite) {

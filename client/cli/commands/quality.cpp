@@ -2,6 +2,7 @@
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
 #include <algorithm>
+#include <initializer_list>
 #include <iomanip>
 #include <iostream>
 #include <memory>
@@ -28,13 +29,28 @@ struct QualityOptions {
   std::string html, vtk, result;
 };
 
+/// What a measure needs that was not given; empty if nothing is known to be missing.
+std::string missing_option(const std::string& measure, const ComparisonInput& input) {
+  const auto is = [&](std::initializer_list<const char*> names) {
+    return std::any_of(names.begin(), names.end(), [&](const char* name) { return measure == name; });
+  };
+  if (input.before.empty() && is({"flipped_faces", "displacement"})) {
+    return "--before, the undeformed mesh: it compares the two";
+  }
+  if (input.walls.empty() && measure.find("wall_") != std::string::npos) return "--wall, the group of its faces";
+  if (input.setup.empty() && (measure.find("_jump") != std::string::npos)) return "--setup, whose regions it is measured between";
+  return {};
+}
+
 /// What a gate says of the report. Throws CLI::ValidationError when there is no such measure: which there are depends on the
 /// mesh.
-QualityPage::Gate gate_of(const Gate& gate, const QualityReport& report) {
+QualityPage::Gate gate_of(const Gate& gate, const ComparisonInput& input, const QualityReport& report) {
   // What `apply` and `sweep` call so, whatever the cells are.
   const bool elements = gate.name == "inverted_cells" && report.find("inverted_elements") != nullptr;
   if (const QualityRow* row = report.find(elements ? "inverted_elements" : gate.name))
     return {gate.text, row->value, gate.holds_for(row->value)};
+  const std::string option = missing_option(gate.name, input);
+  if (!option.empty()) throw CLI::ValidationError("--fail-on " + gate.text + ": " + gate.name + " is measured with " + option);
   std::vector<std::string> names;
   std::string all;
   for (const QualityRow& row : report.rows) {
@@ -116,7 +132,7 @@ ExitCode run_quality(const QualityOptions& options, const CommonOptions& common)
   if (!options.result.empty()) extras.constraints = constraints_of(options.result);
   const Comparison comparison = compare(input);
   std::vector<QualityPage::Gate>& gates = extras.gates;
-  for (const auto& gate : options.fail_on) gates.push_back(gate_of(gate, comparison.after.report));
+  for (const auto& gate : options.fail_on) gates.push_back(gate_of(gate, input, comparison.after.report));
   const std::string failure = failure_text(gates, options.input.file);
   if (common.style() == Style::json) {
     print_json(comparison, failure);

@@ -44,7 +44,7 @@ void print_residual(const Applied& applied, std::ostream& out) {
   const bool cage = applied.method.has_cage();
   const bool controls = cage ? applied.method.cage().control() != v1::MESH : applied.method.ffd().control() == v1::CONTROLS;
   if (controls) return;  // they go where they are sent
-  out << (cage || applied.method.has_ffd() ? "  residual at handle and fixed points " : "  residual at the centres ")
+  out << (cage || applied.method.has_ffd() ? "  misfit at handle and fixed points " : "  misfit at the centres ")
       << number_text(applied.result.interpolation_residual()) << '\n';
 }
 

@@ -104,7 +104,8 @@ class Writer {
            "geometry: " +
            yaml_text(options_.geometry) +
            "\n"
-           "method: {mls: {}}\n"
+           "method: {mls: {}}\n" +
+           options_.symmetry +
            "handles: []  # such as: [{name: top, region: {half_space: {point: [0, 0, 1], normal: [0, 0, 1]}}}]\n"
            "fixed: []    # such as: [{half_space: {point: [0, 0, 0], normal: [0, 0, -1]}}]\n";
   }
@@ -125,10 +126,12 @@ class Writer {
     held.erase(ResolvedRegions::free);
     const std::string region = "[{ids: " + ids_text(about.name(), ids) + "}]";
     const char* const exact = options_.kept == DetectedSetupOptions::Kept::exactly ? "exact: true, " : "";
-    if (loose == 0 || !about.implied_by().empty()) {
+    const auto mirror = options_.in_symmetry.find(about.name());
+    if (loose == 0 || !about.implied_by().empty() || mirror != options_.in_symmetry.end()) {
       ++result_.left_out;
-      const std::string reason =
-          loose == 0 ? "all its points are " + holders_text(held, ids.size()) : "follows from " + names_text(about.implied_by());
+      const std::string reason = mirror != options_.in_symmetry.end() ? mirror->second
+                                 : loose == 0                         ? "all its points are " + holders_text(held, ids.size())
+                                                                      : "follows from " + names_text(about.implied_by());
       left_out_ << "  # - {name: " << name << ", " << yaml_text(about.constraint()) << ": {}, " << exact << "regions: " << region
                 << "}  # " << reason << '\n';
       return;

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <map>
 #include <string>
 #include <vector>
 
@@ -28,14 +29,18 @@ struct DetectedSetupOptions {
   std::string beginning;    ///< text of a setup without constraints that is continued; empty: a setup without handles
   std::string points_file;  ///< what the setup calls the file of ids
   HeldPoints held;
+  /// Planes that are symmetry planes of the model, by name, with the reason to leave them out: "it lies in symmetry[0]".
+  std::map<std::string, std::string> in_symmetry{};
+  std::string
+      symmetry{};      ///< groups whose points lie in such planes, of a setup that is not continued: an entry of YAML or empty
   std::string origin;  ///< a sentence on one line: where the sets come from; empty: from detection
   /// How near to their shapes the constraints put their points: as near as their weight does, or exactly.
   enum class Kept { by_weight, exactly } kept = Kept::by_weight;
 };
 
 /// A constraint for every set that was found, without those that cannot be constrained (too few points), that others imply, and
-/// that handles and fixed regions hold as a whole; these follow as comments with the reason. Every constraint is one that
-/// `deform prepare` accepts.
+/// that handles and fixed regions hold as a whole, or that are symmetry planes of the model; these follow as comments with the
+/// reason. Every constraint is one that `deform prepare` accepts.
 DetectedSetup detected_setup(const client::Detected& detected, const DetectedSetupOptions& options);
 
 /// The text of a setup file that detected_setup() can continue. Throws Error(invalid_argument): it has constraints already, is

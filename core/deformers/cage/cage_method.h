@@ -23,6 +23,7 @@ struct CageMethod {
     return selects_controls(options) && options.coordinates == CageCoordinates::mean_value;
   }
   static ControlSet controls(const CageOptions& options, const Mesh&, const Symmetry&) { return {options.vertices.size()}; }
+  static std::vector<Vec3> control_places(const CageOptions& options, const Mesh&, const Symmetry&) { return options.vertices; }
   /// A cage has no centres.
   static std::optional<std::vector<PointId>> known_centres(const CageOptions&, const Mesh&, const SelectedRegions&) {
     return std::nullopt;

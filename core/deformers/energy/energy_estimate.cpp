@@ -8,6 +8,7 @@
 #include "core/base/parallel.h"
 #include "core/deformers/constrained/constrained_estimate.h"
 #include "core/deformers/constrained/constraint_sets.h"
+#include "core/deformers/constrained/energy_solver.h"
 #include "core/deformers/constrained/exact_placement.h"
 #include "core/deformers/energy/residual_correction.h"
 #include "core/deformers/energy/spaces/lattice_space.h"
@@ -26,6 +27,10 @@ constexpr std::size_t entry_bytes = sizeof(double) + sizeof(std::int64_t);
 constexpr std::size_t fill = 12;         // entries of a factor over those of the matrix, supports of a dozen samples
 constexpr std::size_t few_bytes = 1024;  // of matrices without entries
 constexpr double nominal_rate = 5e9;     // flops per second of a sparse factorization on one core
+// Seconds on one core: of a term of the product that couples functions at held points, of a value of a function in doubles and in
+// extended precision, of a distance between held points, of a value of the correction's kernel and of a term of its sums.
+constexpr double per_square = 6e-9, per_value = 2e-9, per_long_value = 5e-9;
+constexpr double per_distance = 2e-9, per_kernel = 3e-9, per_term = 0.5e-9;
 
 std::size_t shell_assembly_bytes(const Mesh& mesh) {
   // Triplets of the operators, the operators, and the roots of the bending energy with their triplets.
@@ -41,6 +46,9 @@ struct Sizes {
   std::size_t making = 0;   ///< beside these, of the matrix that is factored
   std::size_t held = 0;     ///< held points that enter the system
   bool eliminated = false;  ///< these points
+  double values = 0;        ///< of functions at them
+  double squares = 0;       ///< of their numbers at each, the sum
+  double entries = 0;       ///< of the matrix of the energy
   SparseCholesky::Estimate factor;
   ConstrainedBytes constrained;
 };
@@ -66,10 +74,12 @@ Sizes sizes_of(const ShellOptions& options, const Case& of, Estimate& estimate) 
   sizes.functions = model.space.samples;
   sizes.held = model.held.size();
   sizes.eliminated = model.eliminated;
+  sizes.entries = static_cast<double>(model.space.energy.nonZeros());
   // The rows of the held points with their weights, and the matrix with their squares.
   if (!model.eliminated) {
     sizes.matrices += energy + sizes.held * (3 * entry_bytes + sizeof(double));
     sizes.making = 2 * energy + 4 * sizes.held * entry_bytes;
+    sizes.values = sizes.squares = static_cast<double>(sizes.held);
   }
   (model.eliminated ? estimate.held_points : estimate.samples) = model.eliminated ? sizes.held : sizes.functions;
   estimate.notes = model.space.notes;
@@ -85,7 +95,13 @@ Sizes sizes_of(const FfdOptions& options, const Case& of, Estimate& estimate) {
   const std::size_t energy = sparse_bytes(model.space.energy);
   sizes.held = model.held.size();
   std::size_t entries = 0;
-  for (const PointId id : model.held) entries += model.space.functions().count(id);
+  for (const PointId id : model.held) {
+    const std::size_t count = model.space.functions().count(id);
+    entries += count;
+    sizes.squares += static_cast<double>(count) * static_cast<double>(count);
+  }
+  sizes.values = static_cast<double>(entries);
+  sizes.entries = static_cast<double>(model.space.energy.nonZeros());
   const std::size_t rows = entries * entry_bytes + sizes.held * (sizeof(double) + sizeof(std::int64_t));
   sizes.functions = model.space.samples;
   // Beside the matrices their sums and the held points' rows weighted, transposed and multiplied, whose product is full.
@@ -123,6 +139,9 @@ Sizes sizes_of(const Options& options, const Case& of, Estimate& estimate) {
   sizes.matrices = space.resident + held + 2 * space.energy_entries * entry_bytes;
   sizes.making = 2 * held + 4 * space.energy_entries * entry_bytes;
   sizes.functions = k;
+  sizes.values = static_cast<double>(sizes.held) * static_cast<double>(space.cover);
+  sizes.squares = sizes.values * static_cast<double>(space.cover);
+  sizes.entries = static_cast<double>(space.energy_entries);
   sizes.factor.factor_bytes = entries * sizeof(double);
   sizes.factor.peak_bytes = 2 * sizes.factor.factor_bytes;
   sizes.factor.flops =
@@ -158,6 +177,25 @@ CorrectionBytes level_bytes(const Mesh& mesh, const UnitBox& box, const std::vec
   const std::vector<CompactLevel> levels = choose_levels({places, farthest_point_order(places, centres), bound}, {});
   const CompactLevels::Bytes bytes = CompactLevels::estimate(places, levels);
   return {bytes.resident, bytes.peak};
+}
+
+/// What the held points take: their part of the matrix, solutions for so many columns with their uncertainty, and a correction of
+/// their misfit by so many centres at the following points, none of a basis without one.
+struct HeldWork {
+  std::size_t columns = 0, centres = 0, following = 0;
+  int steps = 1;  ///< of multipliers
+};
+
+double held_seconds(const Sizes& sizes, const HeldWork& work) {
+  const auto columns = static_cast<double>(work.columns), centres = static_cast<double>(work.centres);
+  const auto held = static_cast<double>(sizes.held), following = static_cast<double>(work.following);
+  const double solves = static_cast<double>(work.steps + 1) * static_cast<double>(sizes.factor.factor_bytes) / 4e9;
+  const double values = 2 * work.steps * per_value * sizes.values;
+  const double uncertainty = 2 * per_long_value * (sizes.values + sizes.entries);
+  const double correction = centres * centres * centres / 3 / nominal_rate + centres * held * per_distance;
+  const double evaluation = following * centres * (columns > 0 ? per_kernel + columns * per_term : 0);
+  return sizes.squares * per_square + correction + columns * values +
+         (columns * (solves + uncertainty) + evaluation) / thread_count({});
 }
 
 std::size_t tiled_bytes(std::size_t points) { return tile_count(points) * tile_size * sizeof(Vec3); }
@@ -203,7 +241,7 @@ Estimate estimate_of(const Options& options, const Mesh& mesh, const Setup& setu
 
   const std::size_t solver = sizes.factor.factor_bytes + sizes.matrices + few_bytes;
   const bool corrected = hard && !sizes.eliminated && sizes.held > 0;
-  const std::size_t centres = std::min(ResidualCorrection::centres_for(following), sizes.held);
+  const std::size_t centres = corrected ? std::min(ResidualCorrection::centres_for(following), sizes.held) : 0;
   CorrectionBytes correction = corrected ? correction_bytes(centres, sizes.held) : CorrectionBytes();
   if (corrected && options.misfit == MisfitRule::joins) {
     const CorrectionBytes levels = level_bytes(mesh, {bounds.min, diagonal}, constrained_points.region_of, centres);
@@ -236,9 +274,11 @@ Estimate estimate_of(const Options& options, const Mesh& mesh, const Setup& setu
                                   solver + correction.peak, before_sets + sizes.constrained.preparing,
                                   before_placement + placement.peak, estimate.factor_bytes + std::max(solving, working)});
   const auto factor_bytes = static_cast<double>(sizes.factor.factor_bytes);
+  const bool multipliers = hard && !sizes.eliminated;
+  const HeldWork work{(basis ? fields : 0) + (multipliers ? 1 : 0), centres, basis ? following : 0,
+                      multipliers ? EnergySolver::multiplier_steps : 1};
   estimate.seconds = (sizes.factor.flops + sizes.constrained.operations) / nominal_rate + factor_bytes * 5e-9 +
-                     (basis ? static_cast<double>(fields) : 0) * factor_bytes / 4e9 / thread_count({}) +
-                     static_cast<double>(sizes.assembly) * 1e-8;
+                     held_seconds(sizes, work) + static_cast<double>(sizes.assembly) * 1e-8;
   if (!basis && setup.constraints.empty()) {
     estimate.notes.push_back("No handle basis will be stored: every design is solved for.");
   }

@@ -74,6 +74,11 @@ ControlSet FfdMethod::controls(const FfdOptions& options, const Mesh& mesh, cons
   return {lattice.size(), {{lattice.axis(0).size(), lattice.axis(1).size(), lattice.axis(2).size()}}};
 }
 
+std::vector<Vec3> FfdMethod::control_places(const FfdOptions& options, const Mesh& mesh, const Symmetry& symmetry) {
+  if (!options.lattice.control_points.empty()) return options.lattice.control_points;
+  return lattice_of(whole_lattice(options.lattice, mesh, symmetry), mesh).control_points();
+}
+
 Estimate FfdMethod::estimate(const FfdOptions& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions) {
   if (options.control == FfdControl::energy) return ByEnergy::estimate(options, mesh, setup, regions);
   if (options.control == FfdControl::controls) {

@@ -27,6 +27,28 @@ std::size_t first_row_count(const ComputedRows& rows) {
   return most;
 }
 
+/// What a variable does to a handle; null if it does not move it.
+const VariableMotion* motion_of(const DesignVariable& variable, const std::string& handle) {
+  if (variable.handle == handle) return &variable.kind;
+  for (const DrivenHandle& driven : variable.also) {
+    if (driven.handle == handle) return &driven.kind;
+  }
+  return nullptr;
+}
+
+/// Whether a motion is the same before and after a reflection, whatever its size.
+bool is_own_image(const VariableMotion& motion, const Symmetry& symmetry, std::size_t plane) {
+  const Vec3& n = symmetry.normal(plane);
+  const auto along = [&](const Vec3& v) { return norm(cross(n, v)) <= Symmetry::tolerance * norm(v); };
+  const auto across = [&](const Vec3& v) { return std::abs(dot(n, v)) <= Symmetry::tolerance * norm(v); };
+  if (const auto* translation = std::get_if<Translation>(&motion)) return across(translation->direction);
+  if (const auto* rotation = std::get_if<Rotation>(&motion)) return along(rotation->axis);
+  const auto& scaling = std::get<Scaling>(motion);
+  const bool in_plane = std::abs(symmetry.coordinates(scaling.centre)[plane]) <= symmetry.reach(plane);
+  if (norm(scaling.axis) == 0) return in_plane;
+  return across(scaling.axis) || (along(scaling.axis) && in_plane);
+}
+
 std::string handle_text(std::uint32_t control, std::size_t handle, const Setup& setup) {
   return std::to_string(control) + " (handle \"" + setup.handles[handle].name + "\")";
 }
@@ -269,6 +291,36 @@ void ControlSystem::check_agreement(const std::function<Vec3(PointId)>& motion_o
                       "; move them alike, or take one of them out of the handles with `difference`");
     }
   }
+}
+
+/// Motions of variables that are their own mirror images in the planes of a control point are so for all values, and together.
+std::string ControlSystem::unchecked_motions() const {
+  const Symmetry& symmetry = regions_.symmetry;
+  const auto text = [&](std::uint32_t p) { return "control point " + handle_text(p, points_.region_of[p], setup_); };
+  for (std::uint32_t p = 0; p < fields_.size(); ++p) {
+    const std::span<const Source> from = sources(p);
+    unsigned planes = moves(p) ? held_symmetry().on(p) : 0;
+    for (std::size_t i = 1; i < from.size(); ++i) {
+      const std::uint32_t a = from[0].control, b = from[i].control;
+      if (symmetry.is_sector() || points_.region_of[a] != points_.region_of[b]) {
+        return text(a) + " and " + text(b) +
+               " are images of each other, which only some motions leave them; take one of them out of " +
+               "its handle with `difference`, or evaluate on the server";
+      }
+      planes |= from[0].image ^ from[i].image;
+    }
+    const std::size_t handle = from.empty() ? 0 : points_.region_of[from[0].control];
+    for (std::size_t k = 0; k < symmetry.planes() && !from.empty(); ++k) {
+      if ((planes >> k & 1u) == 0) continue;
+      for (const DesignVariable& variable : setup_.variables) {
+        const VariableMotion* motion = motion_of(variable, setup_.handles[handle].name);
+        if (motion == nullptr || is_own_image(*motion, symmetry, k)) continue;
+        return "variable \"" + variable.name + "\" may lead " + text(from[0].control) + " out of symmetry[" + std::to_string(k) +
+               "], or away from its mirror image; move along the plane, or evaluate on the server";
+      }
+    }
+  }
+  return HandleSystem::unchecked_motions();
 }
 
 void ControlSystem::check_motions(const BoundDesign& design, std::size_t index) const {

@@ -88,6 +88,7 @@ class ControlSystem : public HandleSystem {
                                                const RunContext& context) const override;
   Fields adjoint(std::span<const double> variables, Cotangents at_following, const RunContext& context) const override;
   std::string only_on_mesh() const override { return {}; }
+  std::string unchecked_motions() const override;
   void check_motions(const BoundDesign& design, std::size_t index) const override;
   void check_motions(const std::vector<Affine>& derivative, const std::string& what) const override;
   /// Throws if motions of control points that are images of each other are not, by more than `allowed`: motion_of(control).

@@ -14,6 +14,7 @@
 #include "core/deformers/handles/handle_fields.h"
 #include "core/deformers/handles/handle_map.h"
 #include "core/deformers/handles/sector_points.h"
+#include "core/deformers/handles/sliding_checks.h"
 
 namespace deform {
 
@@ -54,6 +55,8 @@ HandleSystem::HandleSystem(Held held, const Setup& setup, HandleMode handles, Un
   for (std::size_t k = 0; k < 3; ++k) {
     largest_coordinate_ = std::max({largest_coordinate_, std::abs(bounds.min[k]), std::abs(bounds.max[k])});
   }
+  flat_ = FlatCase(*mesh_);
+  check_one_sided(flat_, setup_, regions_);
   box_ = {bounds.min, unit == Unit::diagonal ? info_.diagonal : 0};
   for (int k = 0; k < 3 && unit == Unit::longest_edge; ++k) box_.scale = std::max(box_.scale, bounds.max[k] - bounds.min[k]);
   if (!(box_.scale > 0)) box_.scale = 1;
@@ -113,7 +116,27 @@ void HandleSystem::check(const BoundDesign& design, std::size_t index) const {
   check_tolerance(design, index);
   held().check_coincident(design, index);
   check_sliding(design, index);
+  check_flat(design, index);
   check_motions(design, index);
+}
+
+std::string HandleSystem::unchecked_motions() const {
+  Problems problems(Problems::Mode::collect);
+  const SlidingPlaces places{regions_.symmetry, held_mesh_->points, regions_.handles, info_.diagonal,
+                             held_mesh_ == mesh_ ? "point" : "control point"};
+  check_variables_flat(flat_, setup_, places, problems);
+  return problems.empty() ? std::string() : problems.list()[0].message;
+}
+
+void HandleSystem::check_flat(const BoundDesign& design, std::size_t index) const {
+  const HeldPoints points = held();
+  for (std::size_t h = 0; h < regions_.handles.size() && flat_.exists(); ++h) {
+    if (!design.moves(h)) continue;
+    for (const PointId id : regions_.handles[h]) {
+      const std::string reason = flat_.leaves(points.displacement(design, id, MotionKind::position), info_.diagonal);
+      if (!reason.empty()) refuse(index, std::string(": ") + point_word() + name_of(id) + " " + reason);
+    }
+  }
 }
 
 void HandleSystem::check_motions(const BoundDesign&, std::size_t) const {}

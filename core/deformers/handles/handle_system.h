@@ -11,6 +11,7 @@
 
 #include "core/base/stopwatch.h"
 #include "core/deformers/handles/constraint_points.h"
+#include "core/deformers/handles/flat_case.h"
 #include "core/deformers/handles/handle_basis.h"
 #include "core/deformers/handles/handle_motion.h"
 #include "core/deformers/system.h"
@@ -64,6 +65,10 @@ class HandleSystem : public System {
   /// Why a system without a basis cannot be compiled, and what to do.
   virtual std::string without_basis() const;
 
+  /// Why designs of variables would have to be checked by what evaluates a compiled deformation, which cannot; empty if they need
+  /// not be.
+  virtual std::string unchecked_motions() const;
+
   /// Further checks of a design, and of the rates at which motions change, which start messages with `what`: throw
   /// Error(invalid_argument).
   virtual void check_motions(const BoundDesign& design, std::size_t index) const;
@@ -86,7 +91,7 @@ class HandleSystem : public System {
   /// A displacement in the frame of the planes without the normal components of those on which the point lies.
   Vec3 components(Vec3 in_frame, PointId id) const;
   /// Throws the errors of System::bind(): tolerances out of range, coincident points that separate, points that leave their
-  /// symmetry plane or the axis, partners on periodic boundaries with different motions.
+  /// symmetry plane, the axis or the plane of a FlatCase, partners on periodic boundaries with different motions.
   void check(const BoundDesign& design, std::size_t index) const;
   /// The following points in unit coordinates.
   std::vector<Vec3> following_places() const { return unit_places(*mesh_, box_, following()); }
@@ -114,6 +119,7 @@ class HandleSystem : public System {
   void check_tolerance(const BoundDesign& design, std::size_t index) const;
   void check_sliding(const BoundDesign& design, std::size_t index) const;
   void check_sliding(const std::vector<Affine>& derivative, const std::string& what) const;
+  void check_flat(const BoundDesign& design, std::size_t index) const;
   void check_sector(const BoundDesign& design, std::size_t index) const;
   void check_sector(const std::vector<Affine>& derivative, const std::string& what) const;
   const char* point_word() const { return held_mesh_ == mesh_ ? "point " : "control point "; }
@@ -121,8 +127,9 @@ class HandleSystem : public System {
   Fields pull_back(std::span<const double> variables, std::span<const Points> cotangents, const RunContext& context) const;
 
   const HandleMode handles_;
-  std::vector<PointId> all_;       ///< all points, for soft handles
-  Symmetry control_symmetry_;      ///< that of control points
+  std::vector<PointId> all_;   ///< all points, for soft handles
+  Symmetry control_symmetry_;  ///< that of control points
+  FlatCase flat_;
   std::vector<PointId> sliding_;   ///< handle points on symmetry planes, ascending
   double largest_coordinate_ = 0;  ///< largest magnitude of a coordinate of the mesh
   Stopwatch watch_;

@@ -147,6 +147,20 @@ TEST_F(DetectedSetups, WhatHandlesHoldIsLeftOutOrMarked) {
   EXPECT_TRUE(written_.text.starts_with(beginning));
 }
 
+TEST_F(DetectedSetups, SymmetryPlanesAreNoConstraints) {
+  plane("side", {0, 1, 2, 3});
+  plane("cut", {4, 5, 6, 7});
+  DetectedSetupOptions options{"part.obj", "", "points.json", {}};
+  options.in_symmetry = {{"cut", "is the symmetry plane of group middle"}};
+  options.symmetry = "symmetry: [{region: {group: middle}}]  # of a half model\n";
+  const v1::Setup setup = read_back(options);
+  ASSERT_EQ(setup.constraints_size(), 1);
+  EXPECT_EQ(setup.constraints(0).name(), "side");
+  ASSERT_EQ(setup.symmetry_size(), 1);
+  EXPECT_EQ(setup.symmetry(0).region().group(), "middle");
+  EXPECT_THAT(written_.text, HasSubstr("# - {name: cut, planar: {}, regions: [{ids: [4, 5, 6, 7]}]}  # is the symmetry plane"));
+}
+
 TEST_F(DetectedSetups, StrangeNamesAreQuoted) {
   plane("a: {b}\n# c", {1, 2, 3, 4});
   const v1::Setup setup = read_back({"part.obj", "", "points.json", {}});

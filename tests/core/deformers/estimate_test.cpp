@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <array>
+#include <ctime>
 #include <memory>
 #include <string>
 #include <vector>
@@ -145,6 +146,32 @@ TEST(Estimate, WeightsOfColumns) {
   }
   EXPECT_NEAR(weight, 7, 1e-12);
   for (const ConstraintSet& set : made.sets) EXPECT_NEAR(set.weight, 7 * static_cast<double>(set.ids.size()) / points, 1e-12);
+}
+
+/// Time is told as a ratio of two sizes, of which more points are held: what a processor takes depends on the machine.
+TEST(Estimate, SecondsGrowWithWhatIsHeld) {
+  SubspaceOptions subspace;
+  subspace.centres = 300;
+  for (const MethodOptions& method : {MethodOptions{FfdOptions{}}, MethodOptions{subspace}}) {
+    deform::Setup setup = test::sheet_setup();
+    setup.method = method;
+    setup.fixed = {box({-1, -1, -1}, {1.2, 2, 1})};
+    struct Seconds {
+      double told, taken;
+    };
+    const auto seconds = [&](std::size_t columns) {
+      const auto mesh = shared(test::bumpy_sheet(columns, columns / 2));
+      const double told = estimate(*mesh, setup).seconds;
+      const std::clock_t start = std::clock();
+      prepare(mesh, setup);
+      return Seconds{told, static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC};
+    };
+    const Seconds few = seconds(31), many = seconds(121);
+    const double off = (many.told / few.told) / (many.taken / few.taken);
+    EXPECT_GT(many.taken, 3 * few.taken);
+    EXPECT_LT(off, 4) << method.index();
+    EXPECT_GT(off, 0.25) << method.index();
+  }
 }
 
 TEST(Estimate, RefusesWhatPreparingRefuses) {

@@ -455,7 +455,7 @@ TEST(FfdSymmetry, RefusesWhatIsNotSymmetric) {
                      [&] { system->jacobian_vector(still, away, {}); });
   test::expect_error(ErrorCode::invalid_argument, {"variable \"away\"", "control point 75 ", "symmetry[0]"},
                      [&] { system->vector_jacobian(still, Points(half->point_count()), {}); });
-  test::expect_error(ErrorCode::failed_precondition, {"cannot be compiled", "control points"},
+  test::expect_error(ErrorCode::failed_precondition, {"cannot be compiled", "\"away\"", "control point"},
                      [&] { CompiledForm form(system); });
 
   // Both sides in one handle that moves to one side, without those in the plane; and in two handles.

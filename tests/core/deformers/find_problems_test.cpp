@@ -86,6 +86,37 @@ TEST(FindProblems, SamplesOfWrongVariablesAreNotLookedAt) {
   EXPECT_THAT(fields(found_in(setup)), ElementsAre("variables[0]")) << "how many numbers a sample has depends on the variables";
 }
 
+/// Variables whose designs would be refused; a rotation that starts along the plane and leaves it too.
+TEST(FindProblems, FindsVariablesThatLeadOutOfSymmetryPlanes) {
+  deform::Setup setup = good();
+  setup.constraints.clear();
+  setup.symmetry = {{SymmetryPlane::Plane{{0, 0, 0}, {0, 1, 0}}}};
+  for (const MethodOptions& method : {MethodOptions{RbfOptions{}}, MethodOptions{ShellOptions{}}}) {
+    setup.method = method;
+    setup.variables.resize(1);
+    EXPECT_THAT(found_in(setup), testing::IsEmpty());
+    setup.variables.push_back({"out", "end", DesignVariable::Translate{{0, 1e-3, 1}}});
+    setup.variables.push_back({"pitch", "end", DesignVariable::Rotate{{0, 1, 0}, {1.8, 0.5, 0}}});
+    setup.variables.push_back({"roll", "end", DesignVariable::Rotate{{1, 0, 0}, {1.8, 0, 0}}});
+    setup.variables.push_back({"grow", "end", DesignVariable::Scale{{1.8, 0, 0}, {0, 1, 0}}});
+    setup.handles.resize(1);
+    const std::vector<Problem> found = found_in(setup);
+    EXPECT_THAT(fields(found), ElementsAre("variables[1]", "variables[3]"));
+    EXPECT_THAT(found[0].message, testing::AllOf(HasSubstr("\"out\""), HasSubstr("handle \"end\""), HasSubstr("symmetry[0]"),
+                                                 HasSubstr("point 17 "), HasSubstr("0.001;")));
+  }
+  FfdOptions lattice;
+  lattice.control = FfdControl::controls;
+  lattice.lattice.frame = LatticeFrame{{-0.2, -1.1, -0.6}, {{{2.5, 0, 0}, {0, 2.2, 0}, {0, 0, 1.3}}}};
+  lattice.lattice.points = {7, 7, 4};
+  setup.method = lattice;
+  setup.handles[0].region = {Region::ControlIds{{20, 24}}};  // 20 + 4 lies in the plane
+  setup.fixed.clear();
+  setup.variables.resize(2);
+  EXPECT_THAT(fields(found_in(setup)), ElementsAre("variables[1]"));
+  EXPECT_THAT(found_in(setup)[0].message, HasSubstr("control point 24 "));
+}
+
 TEST(FindProblems, LeavesOutWhatIsKnownAlready) {
   deform::Setup setup = good();
   setup.fixed.push_back(nowhere);
