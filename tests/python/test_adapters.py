@@ -36,6 +36,33 @@ def test_minimize_with_gradients(distance):
         by_differences.gradient(np.zeros(2))
 
 
+def test_the_unit_cube(system):
+    goal = system(GOAL)
+    f = ScipyObjective(system, lambda points, report: 0.5 * np.sum((points - goal) ** 2), lambda points, report: points - goal, unit_cube=True)
+    plain = ScipyObjective(system, f.objective, lambda points, report: points - goal)
+    low, high = system.bounds.T
+    assert f.bounds == [(0, 1), (0, 1)]
+    np.testing.assert_array_equal(f.variables([0, 0]), low)
+    np.testing.assert_array_equal(f.variables([1, 1]), high)
+    u = f.parts(np.array([0.01, 0.02]))
+    assert f(u) == pytest.approx(plain(f.variables(u)), rel=1e-12)
+    np.testing.assert_allclose(f.gradient(u), plain.gradient(f.variables(u)) * (high - low), rtol=1e-12)
+    np.testing.assert_allclose(f(np.array([u, u]).T), [f(u)] * 2)
+    found = minimize(f, f.parts([0, 0]), jac=f.gradient, bounds=f.bounds, options={"ftol": 1e-15, "gtol": 1e-10})
+    np.testing.assert_allclose(f.variables(found.x), GOAL, atol=1e-6)
+
+
+@pytest.mark.parametrize("method", ["L-BFGS-B", "SLSQP", "TNC"])
+def test_line_searches_come_back_from_designs_that_must_not_be_used(squeezed, method):
+    """A block of half its length: the first step is as far as the bounds allow, where its cells are inverted."""
+    f = ScipyObjective(squeezed, lambda points, report: 1e3 * (points[:, 0].max() - 2) ** 2,
+                       lambda points, report: 2e3 * (points[:, 0].max() - 2) * np.outer(points[:, 0] == points[:, 0].max(), [1, 0, 0]) / right, unit_cube=True)
+    right = np.sum(squeezed([0])[:, 0] == 4)
+    found = minimize(f, f.parts([0]), jac=f.gradient, bounds=f.bounds, method=method)
+    assert f.unusable > 0 or method == "TNC"
+    assert f.variables(found.x)[0] == pytest.approx(2, abs=1e-3)
+
+
 def test_an_array_that_the_optimizer_reuses(distance):
     x = np.array([0.01, 0.02])
     first = distance(x)
@@ -56,9 +83,12 @@ def test_designs_that_must_not_be_used_rank_last(squeezed):
     values = far(np.array([[1, 6, 20]], dtype=float))
     assert values[0] < 1e6 and list(values[1:]) == [1e6, 1e6]
     assert far(np.array([6.0])) == 1e6 and (far.evaluated, far.unusable) == (4, 3)
-    steep = ScipyObjective(squeezed, lambda points, report: 0.0, lambda points, report: np.ones_like(points))
-    np.testing.assert_array_equal(steep.gradient(np.array([6.0])), [0])
-    assert steep.gradient(np.array([1.0])) != 0
+    steep = ScipyObjective(squeezed, lambda points, report: 5.0, lambda points, report: np.ones_like(points))
+    assert steep(np.array([6.0])) == 1e30 and steep.gradient(np.array([6.0])) == 0, "none could be used so far"
+    assert steep(np.array([1.0])) == 5 and steep.gradient(np.array([1.0])) != 0
+    slope = abs(steep.gradient(np.array([1.0]))[0])
+    assert steep(np.array([6.0])) == pytest.approx(5 + 5 * slope) and steep.gradient(np.array([6.0])) == pytest.approx(slope)
+    assert steep(np.array([-9.0])) == pytest.approx(5 + 10 * slope) or steep(np.array([-9.0])) == 5, "away from the design that could"
 
 
 @pytest.mark.parametrize("missing", [np.nan, np.inf, -np.inf])

@@ -25,8 +25,9 @@ class Unusable(Error):
 class ScipyObjective:
     """An objective of the deformed points for scipy.optimize.
 
-        f = ScipyObjective(system, objective, gradient)
-        minimize(f, x0, jac=f.gradient, bounds=f.bounds)
+        f = ScipyObjective(system, objective, gradient, unit_cube=True)
+        found = minimize(f, f.parts(x0), jac=f.gradient, bounds=f.bounds)
+        best = f.variables(found.x)
         differential_evolution(f, f.bounds, vectorized=True, updating="deferred")
 
     objective(points (n, 3), report): the value of one design, to be minimized.
@@ -36,6 +37,8 @@ class ScipyObjective:
       ranks last; with a gradient, for single designs, the least value so far and a slope away from its design, of which `gradient` is the
       gradient, so that line searches come back to where designs can be used.
       Once more than half of at least 20 designs were so, Unusable is raised.
+    unit_cube: x are parts of the bounds, from 0 to 1, not variables, for methods to which lengths and angles of any units are alike.
+      `variables` and `parts` turn one into the other, `gradient` is with respect to the parts. All variables need finite bounds.
     options: those of `System.deform`.
 
     Called with x (k,), or of one variable with its value alone, it gives a number; with X (k, m), as SciPy's vectorized=True has it, (m,).
@@ -43,7 +46,13 @@ class ScipyObjective:
     """
 
     def __init__(self, system: System, objective: Objective, gradient: Optional[Gradient] = None, *, penalty: Optional[float] = None,
-                 **options: Any) -> None:
+                 unit_cube: bool = False, **options: Any) -> None:
+        low, high = system.bounds.T
+        if unit_cube and not np.isfinite(system.bounds).all():
+            raise InvalidArgument("unit_cube: needs finite bounds of all variables")
+        self._low = low if unit_cube else np.zeros(len(low))
+        self._span = np.where(high > low, high - low, 1.0) if unit_cube else np.ones(len(low))
+        self._unit_cube = unit_cube
         self.system = system
         self.objective = objective
         self.penalty = penalty
@@ -60,13 +69,25 @@ class ScipyObjective:
 
     @property
     def bounds(self) -> List[Tuple[float, float]]:
-        """Of the design variables, as SciPy takes them."""
-        return [(lower, upper) for lower, upper in self.system.bounds]
+        """Of x, as SciPy takes them."""
+        return [(0.0, float(upper > lower)) if self._unit_cube else (lower, upper) for lower, upper in self.system.bounds]
+
+    def variables(self, x: np.ndarray) -> np.ndarray:
+        """The design variables, (k,), of x."""
+        parts = np.asarray(x, dtype=np.float64)
+        found = self._low + parts * self._span
+        if self._unit_cube:  # rounding leads nowhere beyond the bounds
+            found = np.where((parts >= 0) & (parts <= 1), np.clip(found, *self.system.bounds.T), found)
+        return np.asarray(found)
+
+    def parts(self, variables: np.ndarray) -> np.ndarray:
+        """The x, (k,), of design variables."""
+        return np.asarray((np.asarray(variables, dtype=np.float64) - self._low) / self._span)
 
     def __call__(self, x: np.ndarray) -> Any:
         last = _LAST if self.penalty is None else self.penalty
         if np.ndim(x) <= 1:
-            design, points, report = self._at(np.atleast_1d(np.asarray(x, dtype=np.float64)))
+            design, points, report = self._at(x)
             if report.bad or self._knows_no_value(design):
                 return self._penalized(design)[0]
             value = self._value(points, report)
@@ -77,23 +98,23 @@ class ScipyObjective:
             self._sloped.usable(design, value)
             self._known = (design, value)
             return value
-        population = self.system.deform(np.ascontiguousarray(np.asarray(x, dtype=np.float64).T), **self._options)
+        population = self.system.deform(np.ascontiguousarray(self.variables(np.asarray(x).T)), **self._options)
         self._count(population.reports)
         values = [last if report.bad else self._value(points, report) for points, report in zip(population.points, population.reports)]
         self._count_missing(sum(value is None for value in values))
         return np.array([last if value is None else value for value in values])
 
     def gradient(self, x: np.ndarray) -> np.ndarray:
-        """With respect to the design variables, (k,)."""
+        """With respect to x, (k,)."""
         if self._gradient is None:
             raise InvalidArgument("gradient: the objective was made without one")
-        design, points, report = self._at(np.atleast_1d(np.asarray(x, dtype=np.float64)))
+        design, points, report = self._at(x)
         if report.bad or self._knows_no_value(design):
-            return self._penalized(design)[1]
+            return self._penalized(design)[1] * self._span
         gradient = self.system.vjp(design, self._gradient(points, report))
         if self._known is not None and np.array_equal(self._known[0], design):
             self._sloped.usable(design, self._known[1], gradient)
-        return gradient
+        return gradient * self._span
 
     def _knows_no_value(self, design: np.ndarray) -> bool:
         return self._no_value is not None and np.array_equal(self._no_value, design)
@@ -104,10 +125,12 @@ class ScipyObjective:
         return sloped or (_LAST if self.penalty is None else self.penalty, np.zeros(len(design)))
 
     def _at(self, x: np.ndarray) -> Tuple[np.ndarray, np.ndarray, Report]:
-        if self._last is None or not np.array_equal(self._last[0], x):
-            deformation = self.system.deform(x, **self._options)
+        """Of one x, without a request if it is that of the last call: its variables, points and report."""
+        design = np.atleast_1d(self.variables(x))
+        if self._last is None or not np.array_equal(self._last[0], design):
+            deformation = self.system.deform(design, **self._options)
             self._count([deformation.report])
-            self._last = (x.copy(), deformation.points, deformation.report)
+            self._last = (design, deformation.points, deformation.report)
         return self._last
 
     def _value(self, points: np.ndarray, report: Report) -> Optional[float]:

@@ -5,7 +5,7 @@ import argparse
 import sys
 
 from ..errors import Error
-from .driver import StudyStopped, run_study
+from .driver import OutsideConstraints, StudyStopped, run_study
 
 
 def main() -> int:
@@ -18,6 +18,9 @@ def main() -> int:
     except StudyStopped as error:
         print(f"stopped: {error}", file=sys.stderr)
         return 3
+    except OutsideConstraints as error:
+        print(error, file=sys.stderr)
+        return 4
     except (Error, ImportError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 1

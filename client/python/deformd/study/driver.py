@@ -39,6 +39,12 @@ class StudyStopped(Error):
     code = "stopped"
 
 
+class OutsideConstraints(Error):
+    """A search has ended, and none of its designs is within the constraints."""
+
+    code = "outside"
+
+
 class BudgetSpent(Exception):
     """Ends an optimizer: all designs of the budget are evaluated."""
 
@@ -179,8 +185,8 @@ def _done(futures: Iterable[Any]) -> List[Any]:
 def run_study(path: Union[str, "os.PathLike[str]"], say: Callable[[str], None] = print) -> List[Dict[str, Any]]:
     """Runs the study of a file, or goes on with it, and writes its results. Returns the records by number of the design.
 
-    say: takes the lines of progress. Raises InvalidArgument for what is wrong in the file, StudyStopped when too many designs fail, ImportError that
-    says what to install for a library that is missing.
+    say: takes the lines of progress. Raises InvalidArgument for what is wrong in the file, StudyStopped when too many designs fail, OutsideConstraints
+    when a search ends without a design within the constraints, ImportError that says what to install for a library that is missing.
     """
     spec = read_spec(path)
     if str(spec.base) not in sys.path:
@@ -207,12 +213,17 @@ def run_study(path: Union[str, "os.PathLike[str]"], say: Callable[[str], None] =
                 if spec.optimizer is not None:
                     ends += _outcome(spec, journal.in_order())
                 results.write(spec, names, bounds, task, journal.in_order(), ends)
-        for line in [*ends, _shares(journal.in_order())]:
+        lost = next((line for line in ends if line.startswith(_OUTSIDE)), None)
+        for line in [*(line for line in ends if line != lost), _shares(journal.in_order()), f"results: {spec.folder / 'report.html'}"]:
             say(line)
-        say(f"results: {spec.folder / 'report.html'}")
+        if lost is not None:
+            raise OutsideConstraints(lost)
         return journal.in_order()
     finally:
         journal.close()
+
+
+_OUTSIDE = "no design is within the constraints"
 
 
 def _outcome(spec: Spec, records: List[Dict[str, Any]]) -> List[str]:
@@ -228,7 +239,7 @@ def _outcome(spec: Spec, records: List[Dict[str, Any]]) -> List[str]:
     nearest = min(measured, key=lambda each: max(violations(spec, each), default=0.0))
     missed = [f"{name} {_named(nearest, name):.6g}, {side} {limit:.6g}" for (name, side, limit), by in zip(spec.constraints, violations(spec, nearest))
               if by > TOLERANCE]
-    return [f"no design is within the constraints; the nearest is design {nearest['number']}: {'; '.join(missed)}"]
+    return [f"{_OUTSIDE}; the nearest is design {nearest['number']}: {'; '.join(missed)}"]
 
 
 def _shares(records: List[Dict[str, Any]]) -> str:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Optimizers of libraries on the designs of a study."""
 
-from typing import TYPE_CHECKING, Any, Dict, List, Tuple
+from typing import TYPE_CHECKING, Any, Dict, List, Optional, Tuple
 
 import numpy as np
 
@@ -108,22 +108,25 @@ class _Smooth:
         self._rest = start
         self.start = (start - low) / np.where(self._span > 0, self._span, 1.0)
         self._penalty = Penalty(np.ones(len(start)))
+        self._usable: Optional[Tuple[np.ndarray, Dict[str, Any]]] = None  # the last design that could be used
+        self._zero, self._unit = 0.0, 1.0
         first = self._record(self.start)
+        if failed(first) and not gradients:
+            return
         if failed(first):
-            raise InvalidArgument(f"optimizer.start: design 0 is {first['verdict']} ({'; '.join(first['reasons'])[:200]}); a search needs a start that "
-                                  "can be used")
-        self._zero, self._unit = study.objective(first), 1.0
+            raise InvalidArgument(f"optimizer.start: design 0 is {first['verdict']} ({'; '.join(first['reasons'])[:200]}); a search along gradients "
+                                  "needs a start that can be used")
+        self._zero = study.objective(first)
         slope = float(np.linalg.norm(self._slope(first, study.spec.objectives[0][0]))) if gradients else 0.0
         self._unit = slope / FIRST_STEP if slope > 1e-12 * abs(self._zero) else abs(self._zero) or 1.0
-        self._usable = (self.start, first)
         self.objective(self.start)
 
     def objective(self, u: np.ndarray) -> Tuple[float, np.ndarray]:
-        from .driver import failed
+        from .driver import FAILED, failed
 
         record = self._record(u)
         if failed(record):
-            return self._penalty.at(u)  # type: ignore[return-value]  # the start can be used
+            return self._penalty.at(u) or (FAILED, np.zeros(len(u)))
         name, sign = self.study.spec.objectives[0]
         value, gradient = (self.study.objective(record) - self._zero) / self._unit, sign * self._slope(record, name) / self._unit
         self._penalty.usable(u, value, gradient)
@@ -135,7 +138,9 @@ class _Smooth:
         from .driver import failed
 
         record = self._record(u)
-        place, known = self._usable if failed(record) else (u, record)
+        if failed(record) and self._usable is None:
+            return 1e10, np.zeros(len(u))
+        place, known = self._usable if failed(record) and self._usable is not None else (u, record)
         name, side, limit = self.study.spec.constraints[number]
         slope = self._slope(known, name) / (abs(limit) or 1.0) * (1 if side == "max" else -1)
         return self.study.violations(known)[number] + float(slope @ (u - place)), slope
@@ -164,6 +169,8 @@ def _scipy(study: "Study", options: Dict[str, Any]) -> str:
         if gradients:
             each["jac"] = lambda u, i=i: -smooth.constraint(i, u)[1]
         constraints.append(each)
+    if method == "SLSQP":
+        options.setdefault("ftol", 1e-9)  # it is also what constraints are met to
     bounded = {} if method in ("BFGS", "CG") else {"bounds": [(0.0, 1.0)] * len(start)}
     found = minimize(smooth.objective if gradients else lambda u: smooth.objective(u)[0], smooth.start, jac=True if gradients else None, method=method,
                      constraints=constraints, options=options, **bounded)

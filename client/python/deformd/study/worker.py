@@ -84,6 +84,9 @@ def _evaluate(task: Task) -> Dict[str, Any]:
         return {**record, "verdict": "failed", "reasons": [str(failed)]}
     record["values"] = values
     if task["gradients"]:
+        unknown = next((name for name in task["gradients"] if name not in values), None)
+        if unknown is not None:
+            raise InvalidArgument(f'"{unknown}": design {task["number"]} has no such value, only {", ".join(values) or "none"}')
         missing = [name for name in task["gradients"] if name not in slopes]
         if missing:
             raise InvalidArgument(f"evaluate: no gradient of {', '.join(missing)} at the points, which the optimizer needs")
