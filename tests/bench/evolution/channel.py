@@ -185,7 +185,7 @@ def gradient_study(folder, budget):
     path.write_text(f"""setup: rbf.yaml
 evaluate: {{function: "gradient:fitness"}}
 minimize: fitness
-optimizer: {{scipy: {{method: trust-constr, initial_tr_radius: 0.1}}}}
+optimizer: {{scipy: {{method: trust-constr, initial_tr_radius: 0.25}}}}
 budget: {budget}
 """)
     return path
