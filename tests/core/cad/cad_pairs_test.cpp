@@ -551,6 +551,26 @@ TEST_F(CadFiles, IgesIsSewnAndCarried) {
   EXPECT_THAT(carried.notes, testing::Contains(HasSubstr("sewn")));
 }
 
+TEST_F(CadFiles, IgesIsReadInItsOwnUnitWhateverWasReadBefore) {
+  const TopoDS_Shape shape = block({0, 0, 0}, {10, 20, 30});
+  Model ignored;
+  for (const auto& [unit, other] : {std::pair{"IN", "millimetre"}, {"MM", "inch"}, {"M", "inch"}}) {
+    keep_unit("millimetre", ignored);
+    IGESControl_Controller::Init();
+    IGESControl_Writer writer(unit, 0);
+    writer.AddShape(shape);
+    const auto file = path(std::string(unit) + ".igs");
+    ASSERT_TRUE(writer.Write(file.c_str()));
+    const double millimetres = std::string(unit) == "IN" ? 25.4 : std::string(unit) == "M" ? 1000 : 1;
+    for (int time = 0; time < 2; ++time) {
+      keep_unit(other, ignored);
+      const Model model = read_model(file, 1);
+      EXPECT_NEAR(model.diagonal, std::sqrt(1400.0) / millimetres, 1e-6) << unit << " after " << other;
+      EXPECT_NEAR(model.unit, millimetres / 1000, 1e-12);
+    }
+  }
+}
+
 TEST_F(CadFiles, UnitsOfFilesAndOfTheMeshMayDiffer) {
   // The new file is in metres, the old one in millimetres, the mesh in centimetres.
   const TopoDS_Shape before = block({0, 0, 0}, {10, 20, 30}), after = scaled(block({0, 0, 0}, {15, 20, 25}), 0.001);
