@@ -499,11 +499,13 @@ CarriedNodes carry_nodes(const Mesh& mesh, const MoveRequest& request, const Run
     if (nodes.empty())
       throw Error(ErrorCode::invalid_argument, "the mesh has no faces and no cells: nothing lies on the CAD model");
     const double tolerance = request.tolerance > 0 ? request.tolerance : 1e-4 * before.diagonal;
-    std::vector<Owner> owners = owners_of(before, mesh, nodes, tolerance, context);
+    const KnownFaces known = known_faces(before, mesh, request.face_entities, tolerance);
+    std::vector<Owner> owners = owners_of(before, mesh, nodes, tolerance, context, known);
     CarriedNodes carried = Carrier(mesh, before, after, partners, std::move(nodes), std::move(owners)).carry(context);
     carried.notes = before.notes;
     carried.notes.insert(carried.notes.end(), after.notes.begin(), after.notes.end());
     carried.notes.insert(carried.notes.end(), partners.notes.begin(), partners.notes.end());
+    carried.notes.insert(carried.notes.end(), known.notes.begin(), known.notes.end());
     return carried;
   } catch (const Standard_Failure& failure) {
     throw Error(ErrorCode::internal, std::string("OpenCASCADE failed: ") + failure.GetMessageString());

@@ -300,6 +300,7 @@ Model unified(const Model& model) {
   merged.unit = model.unit;
   merged.scale = model.scale;
   if (merged.face_count() != model.face_count() || merged.edge_count() != model.edge_count()) {
+    merged.numbered = false;
     merged.notes.push_back(model.name + ": " + std::to_string(model.face_count()) + " faces and " +
                            std::to_string(model.edge_count()) + " edges were merged to " + std::to_string(merged.face_count()) +
                            " and " + std::to_string(merged.edge_count()) + ", where neighbours lie on one surface or curve.");

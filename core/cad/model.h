@@ -32,6 +32,7 @@ struct Model {
   double scale = 1;        ///< what lengths in the file were multiplied by
   std::string derivation;  ///< see derivation.h; empty: not by cad-apply
   std::vector<std::string> notes;
+  bool numbered = true;                 ///< entities have the numbers of the file; false: some were merged
   std::vector<std::string> face_names;  ///< in the file, by face; empty: it names none
 
   int face_count() const { return faces.Extent(); }

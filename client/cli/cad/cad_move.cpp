@@ -175,6 +175,7 @@ ExitCode run_cad_move(const CadMoveCommand& options, const CommonOptions& common
   {
     const Interrupt interrupt;
     file = io::read_mesh_file(options.mesh, own_process(interrupt.token()));
+    request.face_entities = file->face_entities;
     RunContext context;
     context.stop = interrupt.token();
     carried = cad::carry_nodes(*file->mesh(), request, context);

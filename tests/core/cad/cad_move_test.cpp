@@ -12,6 +12,7 @@
 #include <BRepPrimAPI_MakeCone.hxx>
 #include <BRepPrimAPI_MakeCylinder.hxx>
 #include <BRepTools.hxx>
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <functional>
@@ -174,6 +175,76 @@ TEST_F(CadMove, OtherTypesAreNamedWithTheFacesOfTheFiles) {
   EXPECT_THAT(text, HasSubstr("differ in structure"));
   EXPECT_THAT(text, HasSubstr("(cylinder)"));
   EXPECT_THAT(text, HasSubstr("(cone)"));
+}
+
+/// A sheet of 4 x 3 and 1e-5 D, which becomes a block, with a mesh of few digits in which both sides are the same.
+class CadSheets : public CadMove {
+ protected:
+  CadSheets() : mesh_(box_mesh(4, 3, thickness, n)) {
+    for (Vec3& p : mesh_.points) p[2] = 0;
+    request_.before = file(box(4, 3, thickness), "before");
+    request_.after = file(box(4, 3, 0.5), "after");
+    // Grids of the sides z, y, x at the origin, then of those opposite.
+    for (int side = 0; side < 6; ++side) request_.face_entities.insert(request_.face_entities.end(), n * n, 10 + side);
+    turn_outwards();
+  }
+  /// As the faces of the boundary of a volume: x runs before y on top, after it below.
+  void turn_outwards() {
+    for (std::size_t f = 0; f < mesh_.face_count(); ++f) {
+      const std::size_t side = f / (n * n);
+      if (side == 0 || side == 2 || side == 4)
+        std::reverse(mesh_.face_points.begin() + 4 * f, mesh_.face_points.begin() + 4 * f + 4);
+    }
+  }
+  /// How many nodes of the grids inside both sides are where they should be.
+  std::size_t right(const CarriedNodes& carried) const {
+    std::size_t count = 0;
+    for (const int grid : {0, 3}) {
+      for (int j = 1; j < n; ++j) {
+        for (int i = 1; i < n; ++i) {
+          const std::size_t node = static_cast<std::size_t>(grid * (n + 1) * (n + 1) + j * (n + 1) + i);
+          const Vec3 &p = mesh_.points[node], &q = carried.places[node];
+          count += distance(q, {p[0], p[1], grid == 0 ? 0 : 0.5}) < 1e-9 ? 1 : 0;
+        }
+      }
+    }
+    return count;
+  }
+
+  static constexpr int n = 6;
+  static constexpr std::size_t inside = 2 * (n - 1) * (n - 1);
+  static constexpr double thickness = 5e-5;
+  Mesh mesh_;
+  MoveRequest request_;
+};
+
+TEST_F(CadSheets, DistanceAloneDoesNotTellTheSides) {
+  request_.face_entities.clear();
+  EXPECT_LE(right(carry_nodes(mesh_, request_)), inside / 2);
+}
+
+TEST_F(CadSheets, EntitiesTellTheSidesWhateverTheirTags) {
+  // The rims of the sheet are as flat as its digits allow: their nodes are put back for their entities to have an area.
+  for (std::size_t k = 0; k < mesh_.points.size(); ++k) {
+    const std::size_t grid = k / ((n + 1) * (n + 1)), row = k % ((n + 1) * (n + 1)) / (n + 1);
+    if (grid % 3 != 0) mesh_.points[k][2] = thickness * static_cast<double>(row) / n;
+  }
+  EXPECT_EQ(right(carry_nodes(mesh_, request_)), inside);
+  std::swap_ranges(request_.face_entities.begin(), request_.face_entities.begin() + n * n,
+                   request_.face_entities.begin() + 3 * n * n);
+  EXPECT_EQ(right(carry_nodes(mesh_, request_)), inside);
+  // Turned inwards as a whole.
+  for (std::size_t f = 0; f < mesh_.face_count(); ++f)
+    std::reverse(mesh_.face_points.begin() + 4 * f, mesh_.face_points.begin() + 4 * f + 4);
+  EXPECT_EQ(right(carry_nodes(mesh_, request_)), inside);
+}
+
+TEST_F(CadSheets, EntitiesOnSeveralFacesAreSaidAndNotUsed) {
+  std::fill(request_.face_entities.begin(), request_.face_entities.end(), 1);
+  const CarriedNodes carried = carry_nodes(mesh_, request_);
+  EXPECT_LE(right(carried), inside / 2);
+  EXPECT_THAT(carried.notes, testing::Contains(HasSubstr("1 of 1 entities and named groups of the mesh lie on no single face")));
+  EXPECT_THAT(carried.notes, testing::Contains(HasSubstr("such as surface 1: ")));
 }
 
 TEST_F(CadMove, TwoWaysThatFitAlikeAreRefused) {

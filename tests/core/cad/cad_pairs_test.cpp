@@ -713,6 +713,30 @@ TEST_F(CadFiles, GivenPairsSolveWhatIsAmbiguous) {
   }
 }
 
+TEST_F(CadFiles, GroupsWithNamesOfFacesTellTheSidesOfASheet) {
+  const TopoDS_Shape sheet = block({0, 0, 0}, {4, 3, 5e-5});
+  MoveRequest request;
+  request.before =
+      step(sheet, "before",
+           {{face_at(sheet, {2, 1, 0}), "hub", std::nullopt}, {face_at(sheet, {2, 1, 5e-5}), "tip", std::nullopt}}, "metre");
+  request.after = step(block({0, 0, 0}, {4, 3, 0.5}), "after", {}, "metre");
+  // Two triangles with few digits: below, seen from below, and above, seen from above.
+  Mesh mesh;
+  mesh.points = {{1, 1, 0}, {1, 2, 0}, {2, 1, 0}, {1, 1, 0}, {2, 1, 0}, {1, 2, 0}};
+  mesh.face_sizes = {3, 3};
+  mesh.face_points = {0, 1, 2, 3, 4, 5};
+  const auto heights = [&](const std::string& below, const std::string& above, std::vector<std::string>& notes) {
+    mesh.groups = {{below, {}, {0}}, {above, {}, {1}}};
+    const CarriedNodes carried = carry_nodes(mesh, request);
+    notes = carried.notes;
+    return std::array<double, 2>{carried.places[0][2], carried.places[3][2]};
+  };
+  std::vector<std::string> notes;
+  EXPECT_EQ(heights("hub", "tip", notes), (std::array{0.0, 0.5}));
+  EXPECT_THAT(notes, testing::Not(testing::Contains(HasSubstr("lie on no single face"))));
+  EXPECT_EQ(heights("one", "other", notes), (std::array{0.0, 0.0}));
+}
+
 TEST_F(CadFiles, NamesThatContradictPlacesAreRefused) {
   const auto plate = [](double first, double second) {
     return without(bored({10, 2, 1}, {first, 1, 0}, 0.4), rod({second, 1, -1}, {0, 0, 1}, 0.4, 3));
