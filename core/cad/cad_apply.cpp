@@ -389,7 +389,7 @@ class Application {
       DeformedFace& face = result_.faces[f];
       face.number = f + 1;
       face.type = surface_type(model_.face(f));
-      face.became = became(refitting_.refit(f));
+      face.became = refitting_.scaled(f) ? DeformedFace::Became::reshaped : became(refitting_.refit(f));
       if (face.became == DeformedFace::Became::fitted) face.poles = refitting_.nodes(f);
       face.held = refitting_.held(f);
       result_.error = std::max(result_.error, face.error);
