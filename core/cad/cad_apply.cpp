@@ -22,6 +22,7 @@
 #include "core/base/vectors.h"
 #include "core/cad/crossing_faces.h"
 #include "core/cad/deformed_shape.h"
+#include "core/cad/derivation.h"
 #include "core/cad/document.h"
 #include "core/cad/model.h"
 #include "core/cad/refitting.h"
@@ -31,6 +32,7 @@ namespace deform::cad {
 namespace {
 
 constexpr std::size_t least_checks = 20;      ///< of a face
+constexpr int most_widenings = 3;             ///< of tolerances, each twice as wide
 constexpr int most_refinements = 10;          ///< after the random points
 constexpr double rigid_share = 0.1;           ///< of the tolerance
 constexpr double crossing_deflection = 5e-4;  ///< of D
@@ -387,7 +389,7 @@ class Application {
       DeformedFace& face = result_.faces[f];
       face.number = f + 1;
       face.type = surface_type(model_.face(f));
-      face.became = became(refitting_.refit(f));
+      face.became = refitting_.scaled(f) ? DeformedFace::Became::reshaped : became(refitting_.refit(f));
       if (face.became == DeformedFace::Became::fitted) face.poles = refitting_.nodes(f);
       face.held = refitting_.held(f);
       result_.error = std::max(result_.error, face.error);
@@ -434,7 +436,12 @@ class Application {
   }
 
   void write() {
-    const std::string faults = timed(result_.stages, "check", [&] { return faults_of(deformed_); });
+    std::string faults = timed(result_.stages, "check", [&] { return faults_of(deformed_); });
+    // Between the points at which gaps were measured they may be larger, and edges that meet at a vertex have gaps of their own.
+    for (int attempt = 0; attempt < most_widenings && !faults.empty(); ++attempt) {
+      for (const Part& part : deformed_.parts) widen(part.shape);
+      faults = timed(result_.stages, "check", [&] { return faults_of(deformed_); });
+    }
     if (!faults.empty()) refuse("the deformed model is not valid" + faults);
     // Under another name until it has been read again.
     std::filesystem::path partial = request_.output;
@@ -446,6 +453,7 @@ class Application {
         std::filesystem::remove(path, ignored);
       }
     } const removal{partial};
+    deformed_.derivation = derivation(model_, model_of(deformed_, model_.name));
     timed(result_.stages, "write", [&] { write_document(deformed_, partial); });
     if (lower_case(partial.extension().string()) != ".brep") check_again(partial);  // .brep files hold what was checked
     std::filesystem::rename(partial, request_.output);

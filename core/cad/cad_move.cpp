@@ -2,6 +2,7 @@
 #include "core/cad/cad_move.h"
 
 #include <BRepAdaptor_Curve.hxx>
+#include <BRepAdaptor_Surface.hxx>
 #include <BRepBuilderAPI_MakeVertex.hxx>
 #include <BRepExtrema_DistShapeShape.hxx>
 #include <BRepTools.hxx>
@@ -17,6 +18,7 @@
 #include <functional>
 #include <limits>
 #include <memory>
+#include <optional>
 #include <unordered_map>
 
 #include "core/base/checks.h"
@@ -26,6 +28,7 @@
 #include "core/cad/boundary_triangles.h"
 #include "core/cad/closed_edges.h"
 #include "core/cad/correspondence.h"
+#include "core/cad/derivation.h"
 #include "core/cad/edge_map.h"
 #include "core/cad/face_mending.h"
 #include "core/cad/face_warp.h"
@@ -58,8 +61,9 @@ class Carrier {
         nodes_(std::move(nodes)),
         owners_(std::move(owners)) {
     for (std::size_t i = 0; i < nodes_.size(); ++i) index_[nodes_[i]] = i;
+    const auto along = partners.same_parameters ? EdgeMap::Along::parameter : EdgeMap::Along::type_decides;
     for (int e = 0; e < before.edge_count(); ++e) {
-      edges_.emplace_back(before.edge(e), after.edge(partners.edges[e]), partners.edge_senses[e], rings_.phases[e]);
+      edges_.emplace_back(before.edge(e), after.edge(partners.edges[e]), partners.edge_senses[e], rings_.phases[e], along);
     }
     leave_seams();
     samples_.assign(before.edge_count(), 0);
@@ -133,8 +137,14 @@ class Carrier {
     }
   }
 
+  /// Whether a face has the (u, v) of its partner, and ends at the same ones.
+  bool keeps_parameters(int f) const {
+    return partners_.same_parameters && cad::keeps_parameters(before_, after_, partners_, f, edges_);
+  }
+
   /// (u, v) of nodes in a face on its partner.
   std::function<Parameters(const Parameters&)> warp_of(int f) const {
+    if (keeps_parameters(f)) return [](const Parameters& uv) { return uv; };
     for (const Coedge& use : before_.coedges[f]) {
       if (use.seam && rings_.loose[use.edge]) return PeriodicWarp(before_, after_, partners_, f, edges_, samples_, rings_.loose);
     }
@@ -247,6 +257,7 @@ class Carrier {
 
   /// Inner nodes of a patch that left the trimmed face, as their indices in it.
   std::vector<std::size_t> nodes_outside(int f, const FacePatch& patch) const {
+    if (keeps_parameters(f)) return {};
     const TopoDS_Face partner = after_.face(partners_.faces[f]);
     const auto surface = BRep_Tool::Surface(partner);
     BRepTopAdaptor_FClass2d region(partner, 1e-9);
@@ -264,6 +275,15 @@ class Carrier {
   static double distance_from(const gp_Pnt& place, const TopoDS_Shape& shape) {
     const BRepExtrema_DistShapeShape found(BRepBuilderAPI_MakeVertex(place).Vertex(), shape);
     return found.IsDone() ? found.Value() : 0;
+  }
+
+  /// By another search, since that of BRepExtrema misses feet inside of some splines; infinite where the foot is not in the face.
+  double distance_of_foot(const Vec3& place, int f) const {
+    const TopoDS_Face face = after_.face(f);
+    const auto surface = BRep_Tool::Surface(face);
+    const gp_Pnt2d uv = ShapeAnalysis_Surface(surface).ValueOfUV(pnt(place), 1e-12);
+    if (BRepTopAdaptor_FClass2d(face, 1e-9).Perform(uv) == TopAbs_OUT) return std::numeric_limits<double>::infinity();
+    return surface->Value(uv.X(), uv.Y()).Distance(pnt(place));
   }
 
   /// Faces of the model that hold a node.
@@ -372,7 +392,11 @@ class Carrier {
       const TopoDS_Shape entity = owner.kind == Owner::Kind::vertex ? TopoDS_Shape(after_.vertex(partners_.vertices[owner.index]))
                                   : owner.kind == Owner::Kind::edge ? TopoDS_Shape(after_.edge(partners_.edges[owner.index]))
                                                                     : TopoDS_Shape(after_.face(partners_.faces[owner.index]));
-      carried.distance = std::max(carried.distance, distance_from(pnt(carried.places[i]), entity));
+      double distance = distance_from(pnt(carried.places[i]), entity);
+      if (owner.kind == Owner::Kind::face && distance > outside_limit * after_.diagonal) {
+        distance = std::min(distance, distance_of_foot(carried.places[i], partners_.faces[owner.index]));
+      }
+      carried.distance = std::max(carried.distance, distance);
       ++carried.checked;
     }
   }
@@ -398,6 +422,26 @@ void check_request(const MoveRequest& request) {
 
 bool same_counts(const Model& a, const Model& b) { return a.face_count() == b.face_count() && a.edge_count() == b.edge_count(); }
 
+/// Splines and other surfaces without a shape of their own.
+bool has_free_forms(const Model& model) {
+  for (int f = 0; f < model.face_count(); ++f) {
+    if (BRepAdaptor_Surface(model.face(f), false).GetType() > GeomAbs_Torus) return true;
+  }
+  return false;
+}
+
+/// Which faces became splines, or were.
+std::string changed_types(const Model& before, const Model& after, const Correspondence& partners) {
+  int count = 0;
+  std::string example;
+  for (int f = 0; f < before.face_count(); ++f) {
+    if (surface_type(before.face(f)) == surface_type(after.face(partners.faces[f]))) continue;
+    if (++count == 1) example = before.face_name(f) + ", whose partner is " + after.face_name(partners.faces[f]);
+  }
+  return std::to_string(count) + " of " + std::to_string(before.face_count()) +
+         " faces have another type in the new model, such as " + example + "; the models are paired without the types.";
+}
+
 /// Merges faces on one surface and edges on one curve where the structures differ, or agree only when most planes turn, as those
 /// of a block that was split along another axis.
 Correspondence match(Model& before, Model& after, const std::vector<ForcedPair>& pairs) {
@@ -407,6 +451,11 @@ Correspondence match(Model& before, Model& after, const std::vector<ForcedPair>&
                 "pairs: given pairs need models with as many faces and edges; there are " + std::to_string(before.face_count()) +
                     " and " + std::to_string(after.face_count()) + " faces, " + std::to_string(before.edge_count()) + " and " +
                     std::to_string(after.edge_count()) + " edges");
+  }
+  if (std::optional<Correspondence> derived = derived_partners(before, after)) {
+    derived->notes.push_back("cad-apply made " + after.name + " of " + before.name +
+                             ": faces of equal numbers are partners, and nodes keep their parameters.");
+    return *std::move(derived);
   }
   const bool differ = structures_differ(before, after);
   if (!differ) {
@@ -425,7 +474,13 @@ Correspondence match(Model& before, Model& after, const std::vector<ForcedPair>&
     before = std::move(old);
     after = std::move(now);
   }
-  return match_models(before, after, pairs);
+  const bool retyped = has_free_forms(before) || has_free_forms(after);
+  if (!retyped || !structures_differ(before, after) || structures_differ(before, after, FaceTypes::left_out)) {
+    return match_models(before, after, pairs);
+  }
+  Correspondence found = match_models(before, after, pairs, FaceTypes::left_out);
+  found.notes.push_back(changed_types(before, after, found));
+  return found;
 }
 
 }  // namespace
@@ -444,11 +499,13 @@ CarriedNodes carry_nodes(const Mesh& mesh, const MoveRequest& request, const Run
     if (nodes.empty())
       throw Error(ErrorCode::invalid_argument, "the mesh has no faces and no cells: nothing lies on the CAD model");
     const double tolerance = request.tolerance > 0 ? request.tolerance : 1e-4 * before.diagonal;
-    std::vector<Owner> owners = owners_of(before, mesh, nodes, tolerance, context);
+    const KnownFaces known = known_faces(before, mesh, request.face_entities, tolerance);
+    std::vector<Owner> owners = owners_of(before, mesh, nodes, tolerance, context, known);
     CarriedNodes carried = Carrier(mesh, before, after, partners, std::move(nodes), std::move(owners)).carry(context);
     carried.notes = before.notes;
     carried.notes.insert(carried.notes.end(), after.notes.begin(), after.notes.end());
     carried.notes.insert(carried.notes.end(), partners.notes.begin(), partners.notes.end());
+    carried.notes.insert(carried.notes.end(), known.notes.begin(), known.notes.end());
     return carried;
   } catch (const Standard_Failure& failure) {
     throw Error(ErrorCode::internal, std::string("OpenCASCADE failed: ") + failure.GetMessageString());

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <filesystem>
 #include <string>
 #include <vector>
@@ -28,6 +29,9 @@ struct MoveRequest {
   double scale = 1;
   /// Largest distance of a node of the boundary from the old model, model units; 0: automatic, 1e-4 D of the old model.
   double tolerance = 0;
+  /// Of each face of the mesh the entity on which it lies, such as the tag of a surface in Gmsh, 0: none; empty: not known. Those
+  /// that lie on one face of the old model hold their nodes to it, where another one is as near.
+  std::vector<std::int32_t> face_entities;
 };
 
 /// What became of the nodes of one face.

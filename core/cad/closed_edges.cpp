@@ -127,6 +127,7 @@ ClosedEdges closed_edges(const Model& before, const Model& after, const Correspo
   found.phases.assign(before.edge_count(), 0);
   found.loose.assign(before.edge_count(), 0);
   found.start_edge.assign(before.vertex_count(), -1);
+  if (partners.same_parameters) return found;
   const ModelGraph old = graph_of(before), now = graph_of(after);
   const Uses old_uses = uses_of(before, old), now_uses = uses_of(after, now);
   std::vector<int> starts(before.vertex_count(), -1), pairs(old.size_of_graph(), -1);

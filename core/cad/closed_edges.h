@@ -19,7 +19,8 @@ struct ClosedEdges {
 
 /// Compares closed edges with their partners point by point, after the similarity that fits the models best and the least
 /// rotation between both means of the normals. A start stays a start where that differs by less than 1/50 of the way round, where
-/// it is more than the end of seams of periodic surfaces, and on faces without other edges, as whole spheres and tori.
+/// it is more than the end of seams of periodic surfaces, on faces without other edges, as whole spheres and tori, and
+/// where both models have the same parameters.
 ClosedEdges closed_edges(const Model& before, const Model& after, const Correspondence& partners);
 
 }  // namespace deform::cad

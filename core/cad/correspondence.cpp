@@ -3,6 +3,7 @@
 
 #include <BRepAdaptor_Curve.hxx>
 #include <BRep_Tool.hxx>
+#include <GeomAbs_SurfaceType.hxx>
 #include <TopoDS.hxx>
 #include <algorithm>
 #include <array>
@@ -26,6 +27,7 @@ constexpr double normal_weight = 0.1;  ///< of the difference of two unit normal
 constexpr double clearly = 1.5;        ///< another way has to fit so much worse, in squares
 constexpr double slightly = 1.1;       ///< another way that fits so much better, in squares, contradicts what stays
 constexpr double far_better = 20;      ///< a turned model that fits so much better, in squares, is not overlooked
+constexpr int forced_kind = 100;
 constexpr int most_tries = 20000, most_first = 24, most_second = 6;
 
 Vec3 vec(const gp_Pnt& p) { return {p.X(), p.Y(), p.Z()}; }
@@ -65,12 +67,13 @@ struct TooManySymmetries {};
 
 class Matching {
  public:
-  Matching(const Model& before, const Model& after, std::span<const ForcedPair> pairs)
+  Matching(const Model& before, const Model& after, std::span<const ForcedPair> pairs, FaceTypes types)
       : models_{&before, &after},
-        before_(graph_of(before)),
-        after_(graph_of(after)),
+        before_(graph_of(before, types)),
+        after_(graph_of(after, types)),
         uses_before_(uses(before)),
         uses_after_(uses(after)) {
+    if (types == FaceTypes::left_out) leave_types();
     for (const ForcedPair& pair : pairs) force(pair);
   }
 
@@ -91,12 +94,37 @@ class Matching {
     }
     const std::vector<int> pairs = partners(start);
     prove(pairs);
+    check_types(pairs);
     Correspondence found = with_senses(pairs);
     if (!note.empty()) found.notes.push_back(note);
     return found;
   }
 
  private:
+  /// Planes have normals, and what became of them none.
+  void leave_types() {
+    before_.normals.assign(before_.normals.size(), {});
+    after_.normals.assign(after_.normals.size(), {});
+    types_before_ = kinds_of_faces(*models_[0]);
+    types_after_ = kinds_of_faces(*models_[1]);
+  }
+
+  /// Of faces where types are left out: of one type, or one of them has no shape of its own.
+  bool may_become(int f, int partner) const {
+    const auto free = [](const std::vector<int>& kind) { return kind[1] > GeomAbs_Torus; };
+    return types_before_[f] == types_after_[partner] || free(types_before_[f]) || free(types_after_[partner]);
+  }
+
+  void check_types(const std::vector<int>& pairs) const {
+    if (types_before_.empty()) return;
+    for (int f = 0; f < before_.first_edge; ++f) {
+      if (before_.kinds[f].front() == forced_kind || may_become(f, pairs[f])) continue;
+      throw Error(ErrorCode::failed_precondition, "the CAD models differ in structure: the partner of " +
+                                                      models_[0]->face_name(f) + " would be " + models_[1]->face_name(pairs[f]) +
+                                                      " of the new model, which has another type");
+    }
+  }
+
   void force(const ForcedPair& pair) {
     const auto kind = static_cast<int>(pair.kind);
     const char* names[] = {"face", "edge", "vertex"};
@@ -112,7 +140,7 @@ class Matching {
     const auto index = [&](const ModelGraph& graph, int number) {
       return (kind == 0 ? 0 : kind == 1 ? graph.first_edge : graph.first_vertex) + number - 1;
     };
-    const std::vector<int> mark{100, static_cast<int>(forced_++)};
+    const std::vector<int> mark{forced_kind, static_cast<int>(forced_++)};
     before_.kinds[index(before_, pair.before)] = mark;
     after_.kinds[index(after_, pair.after)] = mark;
   }
@@ -398,7 +426,8 @@ class Matching {
       begin = end;
       if (found.of < 0) continue;
       for (int j = 0; j < after_.size_of_graph(); ++j) {
-        if (colours.after[j] == colours.before[found.of]) found.candidates.push_back(j);
+        if (colours.after[j] != colours.before[found.of]) continue;
+        if (found.of >= before_.first_edge || types_before_.empty() || may_become(found.of, j)) found.candidates.push_back(j);
       }
       std::stable_sort(found.candidates.begin(), found.candidates.end(),
                        [&](int a, int b) { return pair_cost(view, found.of, a) < pair_cost(view, found.of, b); });
@@ -665,13 +694,16 @@ class Matching {
   ModelGraph before_, after_;
   const std::vector<std::map<int, int>> uses_before_, uses_after_;  ///< by face and edge
   std::optional<std::array<int, 2>> turned_;                        ///< faces whose loops ran in opposite directions
+  std::vector<std::vector<int>> types_before_, types_after_;        ///< of the faces, where the graph leaves them out
   std::size_t forced_ = 0;
   int tries_ = 0;
 };
 
 }  // namespace
 
-bool structures_differ(const Model& before, const Model& after) { return Matching(before, after, {}).structures_differ(); }
+bool structures_differ(const Model& before, const Model& after, FaceTypes types) {
+  return Matching(before, after, {}, types).structures_differ();
+}
 
 double turned_planes(const Model& before, const Model& after, const Correspondence& partners) {
   const ModelGraph old = graph_of(before), now = graph_of(after);
@@ -685,8 +717,8 @@ double turned_planes(const Model& before, const Model& after, const Corresponden
   return planes > 0 ? static_cast<double>(turned) / planes : 0;
 }
 
-Correspondence match_models(const Model& before, const Model& after, std::span<const ForcedPair> pairs) {
-  return Matching(before, after, pairs).solve();
+Correspondence match_models(const Model& before, const Model& after, std::span<const ForcedPair> pairs, FaceTypes types) {
+  return Matching(before, after, pairs, types).solve();
 }
 
 }  // namespace deform::cad

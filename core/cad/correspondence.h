@@ -7,6 +7,7 @@
 
 #include "core/cad/cad_move.h"
 #include "core/cad/model.h"
+#include "core/cad/model_graph.h"
 
 namespace deform::cad {
 
@@ -16,6 +17,8 @@ struct Correspondence {
   std::vector<int> face_senses;    ///< 1: (u, v) of both faces have the same handedness seen from outside, -1: the opposite
   std::vector<int> edge_senses;    ///< 1: both edges run the same way, -1: the opposite one
   std::vector<std::string> notes;  ///< whole sentences: what decided where structure left a choice
+  /// Edges and faces have the parameters of their partners, see derivation.h.
+  bool same_parameters = false;
 };
 
 /// Pairs the entities of two models. The result is an isomorphism of the incidences of solids, faces, loops, edges and vertices
@@ -24,12 +27,15 @@ struct Correspondence {
 /// in their files and after a translation and a scaling; the same after the similarity that fits best; names that single faces
 /// have in both files. An answer is clear if no other that was found comes near. Distances in the files that speak against what
 /// stays, a similarity that fits far better and names that say otherwise are a veto, but the last two not where pairs are given.
+/// types: left_out: the partner of a face may also be a spline surface or another without a shape of its own, or have been one; a
+/// plane is no partner of a cylinder all the same.
 /// Throws Error(failed_precondition) naming faces when there is no way, none that is clear, or a contradiction;
 /// Error(invalid_argument) for pairs out of range.
-Correspondence match_models(const Model& before, const Model& after, std::span<const ForcedPair> pairs);
+Correspondence match_models(const Model& before, const Model& after, std::span<const ForcedPair> pairs,
+                            FaceTypes types = FaceTypes::told);
 
 /// Whether the incidences of two models can be told apart by colour refinement.
-bool structures_differ(const Model& before, const Model& after);
+bool structures_differ(const Model& before, const Model& after, FaceTypes types = FaceTypes::told);
 
 /// How many planes have normals that turn by more than 45 degrees from a face to its partner, as a share of all.
 double turned_planes(const Model& before, const Model& after, const Correspondence& partners);

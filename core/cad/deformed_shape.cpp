@@ -56,7 +56,7 @@ class RefitModification : public BRepTools_Modification {
     if (e < 0) return false;
     curve = refitting_.curve(e);  // null for degenerate edges, as before
     place.Identity();
-    tolerance = Precision::Confusion();
+    tolerance = BRep_Tool::Tolerance(edge);
     return true;
   }
 
@@ -65,7 +65,7 @@ class RefitModification : public BRepTools_Modification {
     if (v < 0) return false;
     const Vec3& place = refitting_.vertex(v);
     point = gp_Pnt(place[0], place[1], place[2]);
-    tolerance = Precision::Confusion();
+    tolerance = BRep_Tool::Tolerance(vertex);
     return true;
   }
 
@@ -164,6 +164,21 @@ DeformedShape deformed_shape(const TopoDS_Shape& part, const Model& model, const
   DeformedShape deformed{modifier.ModifiedShape(part)};
   deformed.largest_gap = set_tolerances(deformed.shape);
   return deformed;
+}
+
+void widen(const TopoDS_Shape& shape) {
+  const BRep_Builder builder;
+  for (const TopAbs_ShapeEnum kind : {TopAbs_EDGE, TopAbs_VERTEX}) {
+    TopTools_IndexedMapOfShape found;
+    TopExp::MapShapes(shape, kind, found);
+    for (int i = 1; i <= found.Extent(); ++i) {
+      if (kind == TopAbs_EDGE) {
+        builder.UpdateEdge(TopoDS::Edge(found(i)), 2 * BRep_Tool::Tolerance(TopoDS::Edge(found(i))));
+      } else {
+        builder.UpdateVertex(TopoDS::Vertex(found(i)), 2 * BRep_Tool::Tolerance(TopoDS::Vertex(found(i))));
+      }
+    }
+  }
 }
 
 std::string faults_of(const TopoDS_Shape& shape) {

@@ -1,16 +1,19 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/cad/document.h"
 
+#include <APIHeaderSection_MakeHeader.hxx>
 #include <BRepLib.hxx>
 #include <BRepTools.hxx>
 #include <BRep_Builder.hxx>
 #include <IFSelect_ReturnStatus.hxx>
+#include <Interface_HArray1OfHAsciiString.hxx>
 #include <Interface_Static.hxx>
 #include <STEPCAFControl_Reader.hxx>
 #include <STEPCAFControl_Writer.hxx>
 #include <ShapeUpgrade_RemoveLocations.hxx>
 #include <Standard_Failure.hxx>
 #include <TColStd_SequenceOfAsciiString.hxx>
+#include <TCollection_HAsciiString.hxx>
 #include <TDF_Label.hxx>
 #include <TDF_LabelSequence.hxx>
 #include <TDataStd_Name.hxx>
@@ -181,6 +184,32 @@ void settle(Part& part, Model& reading, Healing healing) {
   part.shape = shape;
 }
 
+/// In pieces that every reader takes.
+std::vector<std::string> pieces_of(const std::string& text) {
+  constexpr std::size_t longest = 60;
+  std::vector<std::string> pieces;
+  for (std::size_t i = 0; i < text.size(); i += longest) pieces.push_back(text.substr(i, longest));
+  return pieces;
+}
+
+/// Puts a text into the header.
+void describe(STEPControl_Writer& writer, const std::string& text) {
+  const std::vector<std::string> pieces = pieces_of(text);
+  const Handle(Interface_HArray1OfHAsciiString) lines = new Interface_HArray1OfHAsciiString(1, static_cast<int>(pieces.size()));
+  for (int i = 1; i <= lines->Length(); ++i) lines->SetValue(i, new TCollection_HAsciiString(pieces[i - 1].c_str()));
+  APIHeaderSection_MakeHeader(writer.Model()).SetDescription(lines);
+}
+
+/// OpenCASCADE skips what stands before its version.
+bool write_brep(const TopoDS_Shape& shape, const std::string& text, const std::filesystem::path& path) {
+  std::ofstream file(path);
+  file << "DBRep_DrawableShape\n";
+  for (const std::string& piece : pieces_of(text)) file << brep_note << piece << '\n';
+  BRepTools::Write(shape, file);
+  file.close();
+  return file.good();
+}
+
 void write_step(const Document& document, const std::filesystem::path& path) {
   const OpenDocument open;
   const auto shapes = open.shapes();
@@ -213,7 +242,11 @@ void write_step(const Document& document, const std::filesystem::path& path) {
   writer.SetColorMode(true);
   writer.SetNameMode(true);
   Interface_Static::SetIVal("write.stepcaf.subshapes.name", 1);  // names of faces
-  if (!writer.Transfer(open.get(), STEPControl_AsIs) || writer.Write(path.c_str()) != IFSelect_RetDone) {
+  if (!writer.Transfer(open.get(), STEPControl_AsIs)) {
+    throw Error(ErrorCode::internal, path.string() + ": OpenCASCADE could not make a STEP file of the model");
+  }
+  if (!document.derivation.empty()) describe(writer.ChangeWriter(), document.derivation);
+  if (writer.Write(path.c_str()) != IFSelect_RetDone) {
     throw Error(ErrorCode::internal, path.string() + ": OpenCASCADE could not write the file");
   }
 }
@@ -276,7 +309,7 @@ void write_document(const Document& document, const std::filesystem::path& path)
     for (const Part& part : document.parts) builder.Add(all, part.shape);
     shape = all;
   }
-  if (!BRepTools::Write(shape, path.c_str())) {
+  if (!write_brep(shape, document.derivation, path)) {
     throw Error(ErrorCode::internal, path.string() + ": OpenCASCADE could not write the file");
   }
 }

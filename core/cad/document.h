@@ -32,6 +32,7 @@ struct Document {
   std::vector<Part> parts;
   std::string name;  ///< of the assembly; empty where there is one part
   std::vector<std::string> notes;
+  std::string derivation;  ///< see derivation.h, to be written; empty: none
 };
 
 /// Whether models that are not valid once OpenCASCADE has read them are healed, which takes as long as checking them.

@@ -8,14 +8,15 @@
 
 namespace deform::cad {
 
-EdgeMap::EdgeMap(const TopoDS_Edge& before, const TopoDS_Edge& after, int sense, double phase) : sense_(sense), phase_(phase) {
+EdgeMap::EdgeMap(const TopoDS_Edge& before, const TopoDS_Edge& after, int sense, double phase, Along along)
+    : sense_(sense), phase_(phase) {
   BRep_Tool::Range(before, first_, last_);
   BRep_Tool::Range(after, first_after_, last_after_);
   degenerate_ = BRep_Tool::Degenerated(before) || BRep_Tool::Degenerated(after);
   if (degenerate_) return;
   before_.Initialize(before);
   after_.Initialize(after);
-  if (before_.GetType() == after_.GetType()) return;
+  if (along == Along::parameter || before_.GetType() == after_.GetType()) return;
   by_length_ = true;
   length_ = GCPnts_AbscissaPoint::Length(before_, first_, last_, 1e-10);
   length_after_ = GCPnts_AbscissaPoint::Length(after_, first_after_, last_after_, 1e-10);

@@ -10,9 +10,10 @@ namespace deform::cad {
 /// curves differ in type. Immutable.
 class EdgeMap {
  public:
+  enum class Along { type_decides, parameter };  ///< parameter: whatever the types are
   /// sense: -1 when the partner runs the other way. phase: the start of a closed edge goes to this fraction of the partner as it
   /// is run through; 0: to its start.
-  EdgeMap(const TopoDS_Edge& before, const TopoDS_Edge& after, int sense, double phase);
+  EdgeMap(const TopoDS_Edge& before, const TopoDS_Edge& after, int sense, double phase, Along along = Along::type_decides);
   double operator()(double t) const;                                                 ///< t in the range of the old edge
   double at(double fraction) const { return first_ + fraction * (last_ - first_); }  ///< parameter of the old edge
   bool degenerate() const { return degenerate_; }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/cad/model.h"
 
+#include <APIHeaderSection_MakeHeader.hxx>
 #include <BRepAdaptor_Curve.hxx>
 #include <BRepAdaptor_Surface.hxx>
 #include <BRepBndLib.hxx>
@@ -102,6 +103,16 @@ double diagonal_of(const Model& model) {
   throw Error(ErrorCode::invalid_argument, name + ": is no " + format + " file that can be read");
 }
 
+/// The description in the header of the file, in one line.
+std::string description_of(const STEPControl_Reader& reader) {
+  std::string text;
+  const APIHeaderSection_MakeHeader header(reader.StepModel());
+  for (int i = 1; i <= header.NbDescription(); ++i) {
+    if (!header.DescriptionValue(i).IsNull()) text += header.DescriptionValue(i)->ToCString();
+  }
+  return text;
+}
+
 /// Names of the faces in the order in which they are numbered; nothing when none has one.
 std::vector<std::string> names_of_faces(const STEPControl_Reader& reader, const TopoDS_Shape& shape) {
   TopTools_IndexedMapOfShape faces;
@@ -131,14 +142,20 @@ TopoDS_Shape read_step(const std::filesystem::path& path, Model& model) {
   reader.TransferRoots();
   const TopoDS_Shape shape = reader.OneShape();
   if (!shape.IsNull()) model.face_names = names_of_faces(reader, shape);
+  model.derivation = description_of(reader);
   return shape;
 }
 
 TopoDS_Shape read_iges(const std::filesystem::path& path, Model& model) {
-  IGESControl_Reader reader;
-  if (reader.ReadFile(path.c_str()) != IFSelect_RetDone) cannot_read(model.name, "IGES");
-  const auto unit = reader.IGESModel()->GlobalSection().UnitName();
+  Handle(TCollection_HAsciiString) unit;
+  {
+    IGESControl_Reader header;
+    if (header.ReadFile(path.c_str()) != IFSelect_RetDone) cannot_read(model.name, "IGES");
+    unit = header.IGESModel()->GlobalSection().UnitName();
+  }
   keep_unit(unit.IsNull() ? "" : unit->ToCString(), model);
+  IGESControl_Reader reader;  // when a file is loaded, it takes the unit of that moment
+  reader.ReadFile(path.c_str());
   reader.TransferRoots();
   Bnd_Box box;
   const TopoDS_Shape read = reader.OneShape();
@@ -154,6 +171,12 @@ TopoDS_Shape read_iges(const std::filesystem::path& path, Model& model) {
 TopoDS_Shape read_brep(const std::filesystem::path& path, Model& model) {
   TopoDS_Shape shape;
   std::ifstream file(path);
+  const std::string note = brep_note;
+  std::string line;
+  std::getline(file, line);
+  while (std::getline(file, line) && line.rfind(note, 0) == 0) model.derivation += line.substr(note.size());
+  file.clear();
+  file.seekg(0);
   BRepTools::Read(shape, file, BRep_Builder());
   if (shape.IsNull()) cannot_read(model.name, "BREP");
   model.notes.push_back(model.name + " names no unit of length.");
@@ -260,6 +283,8 @@ Model read_model(const std::filesystem::path& path, double scale) {
     Model model = make_model(shape, reading.name);
     model.notes = reading.notes;
     model.unit = reading.unit;
+    model.scale = scale;
+    model.derivation = reading.derivation;
     if (static_cast<int>(reading.face_names.size()) == model.face_count()) model.face_names = reading.face_names;
     return model;
   } catch (const Standard_Failure& failure) {
@@ -273,7 +298,9 @@ Model unified(const Model& model) {
   Model merged = make_model(unify.Shape(), model.name);
   merged.notes = model.notes;
   merged.unit = model.unit;
+  merged.scale = model.scale;
   if (merged.face_count() != model.face_count() || merged.edge_count() != model.edge_count()) {
+    merged.numbered = false;
     merged.notes.push_back(model.name + ": " + std::to_string(model.face_count()) + " faces and " +
                            std::to_string(model.edge_count()) + " edges were merged to " + std::to_string(merged.face_count()) +
                            " and " + std::to_string(merged.edge_count()) + ", where neighbours lie on one surface or curve.");

@@ -28,8 +28,11 @@ struct Model {
   std::vector<std::vector<Coedge>> coedges;  ///< of each face, wire after wire
   std::string name;                          ///< of the file
   double diagonal = 0;
-  double unit = 0;  ///< of length in the file, metres; 0: it names none that is known
+  double unit = 0;         ///< of length in the file, metres; 0: it names none that is known
+  double scale = 1;        ///< what lengths in the file were multiplied by
+  std::string derivation;  ///< see derivation.h; empty: not by cad-apply
   std::vector<std::string> notes;
+  bool numbered = true;                 ///< entities have the numbers of the file; false: some were merged
   std::vector<std::string> face_names;  ///< in the file, by face; empty: it names none
 
   int face_count() const { return faces.Extent(); }
@@ -54,6 +57,9 @@ Model read_model(const std::filesystem::path& path, double scale);
 /// The shape in a STEP, IGES (sewn) or BREP file, by its extension, as it is; the unit is noted in the model, whose name messages
 /// give. Throws Error(invalid_argument).
 TopoDS_Shape read_shape(const std::filesystem::path& path, Model& model);
+
+/// With it lines of a BREP file begin that stand after the first and are for us.
+constexpr const char* brep_note = "# ";
 
 /// Keeps OpenCASCADE from printing.
 void silence_messages();

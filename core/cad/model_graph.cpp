@@ -76,6 +76,11 @@ int bulge(const BRepAdaptor_Surface& surface, int sense) {
   return along > 0 ? sense : along < 0 ? -sense : 0;
 }
 
+std::vector<int> kind_of(const Model& model, int f, const BRepAdaptor_Surface& surface) {
+  const bool solid = model.solids.Extent() > 0;  // sheets have no inside
+  return {0, static_cast<int>(surface.GetType()), solid ? bulge(surface, model.face_sense(f)) : 0};
+}
+
 void measure(ModelGraph& graph, int faces, double diagonal) {
   for (int f = 0; f < faces; ++f) graph.centre = graph.centre + graph.places[f] / faces;
   double square = 0;
@@ -85,7 +90,7 @@ void measure(ModelGraph& graph, int faces, double diagonal) {
 
 class GraphMaker {
  public:
-  explicit GraphMaker(const Model& model) : model_(model) {
+  GraphMaker(const Model& model, FaceTypes types) : model_(model), types_(types) {
     graph_.first_edge = model.face_count();
     graph_.first_vertex = graph_.first_edge + model.edge_count();
     graph_.first_wire = graph_.first_vertex + model.vertex_count();
@@ -128,8 +133,7 @@ class GraphMaker {
 
   void add_face(int f) {
     const BRepAdaptor_Surface surface(model_.face(f));
-    const bool solid = model_.solids.Extent() > 0;  // sheets have no inside
-    graph_.kinds[f] = {0, static_cast<int>(surface.GetType()), solid ? bulge(surface, model_.face_sense(f)) : 0};
+    graph_.kinds[f] = types_ == FaceTypes::told ? kind_of(model_, f, surface) : std::vector<int>{0};
     GProp_GProps properties;
     BRepGProp::SurfaceProperties(model_.face(f), properties);
     graph_.places[f] = place_of(properties.CentreOfMass());
@@ -138,7 +142,8 @@ class GraphMaker {
       if (!surface.Plane().Direct()) normal.Reverse();
       graph_.normals[f] = static_cast<double>(model_.face_sense(f)) * Vec3{normal.X(), normal.Y(), normal.Z()};
     }
-    const TopoDS_Wire outer = surface.GetType() == GeomAbs_Plane ? BRepTools::OuterWire(model_.face(f)) : TopoDS_Wire();
+    const TopoDS_Wire outer =
+        surface.GetType() == GeomAbs_Plane && types_ == FaceTypes::told ? BRepTools::OuterWire(model_.face(f)) : TopoDS_Wire();
     for (TopExp_Explorer wire(model_.face(f), TopAbs_WIRE); wire.More(); wire.Next()) {
       const int node = graph_.first_wire + model_.wires.FindIndex(wire.Current()) - 1;
       link(f, node);
@@ -160,12 +165,19 @@ class GraphMaker {
   }
 
   const Model& model_;
+  const FaceTypes types_;
   ModelGraph graph_;
 };
 
 }  // namespace
 
-ModelGraph graph_of(const Model& model) { return GraphMaker(model).make(); }
+ModelGraph graph_of(const Model& model, FaceTypes types) { return GraphMaker(model, types).make(); }
+
+std::vector<std::vector<int>> kinds_of_faces(const Model& model) {
+  std::vector<std::vector<int>> kinds;
+  for (int f = 0; f < model.face_count(); ++f) kinds.push_back(kind_of(model, f, BRepAdaptor_Surface(model.face(f))));
+  return kinds;
+}
 
 std::string ModelGraph::name(const Model& model, int node) const {
   if (node < first_edge) return model.face_name(node);

@@ -30,7 +30,12 @@ struct ModelGraph {
   std::string loops(int face) const;                     ///< "2 loops of 5 edges in all"
 };
 
-ModelGraph graph_of(const Model& model);
+/// left_out: faces are all of one kind, and so are loops.
+enum class FaceTypes { told, left_out };
+ModelGraph graph_of(const Model& model, FaceTypes types = FaceTypes::told);
+
+/// The kinds of the faces with their types told.
+std::vector<std::vector<int>> kinds_of_faces(const Model& model);
 
 /// How the old model is laid over the new one before places are compared: x -> scale * turn * (x - from) + to.
 struct Placement {

@@ -4,8 +4,11 @@
 #include <BRep_Tool.hxx>
 #include <GeomAdaptor_Curve.hxx>
 #include <Geom_BSplineCurve.hxx>
+#include <Geom_BSplineSurface.hxx>
 #include <Geom_Circle.hxx>
 #include <Geom_Ellipse.hxx>
+#include <Geom_SphericalSurface.hxx>
+#include <Geom_ToroidalSurface.hxx>
 #include <TColStd_Array1OfReal.hxx>
 #include <TopExp.hxx>
 #include <algorithm>
@@ -247,6 +250,11 @@ void Refitting::judge(int f) {
   if (first) {
     const PlaceSamples samples = samples_of(f);
     if (moves(samples, Motions::rigid, face.refit, face.motion)) return;
+    // Others, such as planes, have lengths in (u, v).
+    const bool scalable = face.rest->IsKind(STANDARD_TYPE(Geom_SphericalSurface)) ||
+                          face.rest->IsKind(STANDARD_TYPE(Geom_ToroidalSurface)) ||
+                          face.rest->IsKind(STANDARD_TYPE(Geom_BSplineSurface));
+    if (scalable && moves(samples, Motions::similar, face.refit, face.motion)) return;
     if (held_ != nullptr && hold(f, samples)) return;
     if (is_analytic(face.rest)) {
       const AnalyticFit fit = analytic_fit(face.rest, samples.before, samples.after);
@@ -395,6 +403,10 @@ bool Refitting::refine_edge(int e, const std::vector<double>& parameters) {
   for (const double t : parameters) places.push_back({t, 0});
   edge.open = edge.fit.refine_around(places);
   return edge.open;
+}
+
+bool Refitting::scaled(int f) const {
+  return faces_[f].refit == Refit::moved && std::abs(faces_[f].motion.ScaleFactor() - 1) > 1e-9;
 }
 
 std::array<int, 2> Refitting::nodes(int f) const {

@@ -57,6 +57,8 @@ class Refitting {
   Handle(Geom_Curve) curve(int e) const;
   const Vec3& vertex(int v) const { return vertices_[v]; }
   Refit refit(int f) const { return faces_[f].refit; }
+  /// Whether a moved face is as a uniform scale makes it.
+  bool scaled(int f) const;
   std::array<int, 2> nodes(int f) const;  ///< of a fitted face, along u and v
   /// Distance of the new surface of a face from where the map takes its point (u, v); of a reshaped one the distance from it.
   double error(int f, const std::array<double, 2>& uv, const Vec3& target) const;

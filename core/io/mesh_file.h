@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <memory>
 #include <optional>
@@ -64,6 +65,9 @@ class MeshFile {
   virtual std::size_t case_parts() const { return 0; }
 
   bool compressed = false;  ///< whether the file was gzipped
+  /// The geometrical entity of each face of the mesh, as the file has it: of Gmsh the tag of the surface, 0: none. Empty where
+  /// the format has no entities.
+  std::vector<std::int32_t> face_entities;
 
  protected:
   MeshFile(Format format, std::shared_ptr<const Mesh> mesh) : format_(format), mesh_(std::move(mesh)) {}  ///< mesh: as read

@@ -175,6 +175,7 @@ ExitCode run_cad_move(const CadMoveCommand& options, const CommonOptions& common
   {
     const Interrupt interrupt;
     file = io::read_mesh_file(options.mesh, own_process(interrupt.token()));
+    request.face_entities = file->face_entities;
     RunContext context;
     context.stop = interrupt.token();
     carried = cad::carry_nodes(*file->mesh(), request, context);
@@ -216,7 +217,7 @@ constexpr char cad_move_footer[] =
     R"(The nodes on the boundary of MESH, which lies on the CAD model BEFORE, go to the model AFTER: those on vertices to the partners of
 these, those on edges along them, those in faces by a warp of (u, v), around whose flipped triangles nodes are slid until there are none.
 Partners are found by structure, then by what stays in place, by places and by names of faces; models that differ in structure, or fit in
-more than one way, are refused. A map is a CSV with the columns kind (face, edge, vertex), before and after, numbers from 1.
+more than one way, are refused. Nodes on what deform cad-apply made of BEFORE go where deform apply moves them. A map is a CSV with the columns kind (face, edge, vertex), before and after, numbers from 1.
 A surface mesh is done then, and nothing is asked of a server. The interior of a volume mesh follows by the setup that is written to
 --setup, with the motions beside it, through a server as with deform apply: verdict, --split and --fail-on are those of apply.
 Exit code 4: triangles are flipped, or nodes left their face (the file is written all the same), or what deform apply says.

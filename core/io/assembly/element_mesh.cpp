@@ -26,12 +26,13 @@ void add_face_sets(const ElementMesh& source, FaceGroups& groups, const std::fun
   }
 }
 
-void add_surface(const ElementMesh& source, Mesh& mesh, FaceGroups& groups) {
+void add_surface(const ElementMesh& source, Mesh& mesh, FaceGroups& groups, std::vector<std::int32_t>& entities) {
   std::vector<std::size_t> firsts;
   for (const auto& face : source.faces) {
     const std::size_t first = mesh.face_sizes.size();
     append(face, mesh);
     firsts.push_back(first);
+    entities.resize(mesh.face_sizes.size(), face.entity);
     if (face.name.empty()) continue;
     const std::size_t group = groups.find_or_add(FaceGroups::Kind::group, face.name);
     for (std::size_t f = first; f < mesh.face_sizes.size(); ++f) groups.add_face(group, static_cast<FaceId>(f));
@@ -51,7 +52,7 @@ BoundaryFaces boundary_faces(const PolyhedralCells& cells) {
   return boundary;
 }
 
-void add_boundary(const ElementMesh& source, Mesh& mesh, FaceGroups& groups) {
+void add_boundary(const ElementMesh& source, Mesh& mesh, FaceGroups& groups, std::vector<std::int32_t>& entities) {
   BoundaryFaces boundary = source.cells ? boundary_faces(*source.cells) : boundary_faces(source.elements);
   std::map<std::vector<PointId>, std::size_t> sides;
   std::size_t corner = 0;
@@ -60,9 +61,21 @@ void add_boundary(const ElementMesh& source, Mesh& mesh, FaceGroups& groups) {
     for (FaceId f = boundary.sides[side]; f < boundary.sides[side + 1]; ++f) corner += boundary.sizes[f];
     sides.emplace(face_key(std::span(boundary.points).subspan(first, corner - first)), side);
   }
-  const auto add = [&](std::size_t face, std::size_t group) {
+  const auto nodes_of = [&](std::size_t face) {
     std::vector<PointId> nodes = source.faces[face].corners;
     if (source.faces[face].centre) nodes.push_back(*source.faces[face].centre);
+    return nodes;
+  };
+  entities.assign(boundary.sizes.size(), 0);
+  for (std::size_t face = 0; face < source.faces.size(); ++face) {
+    if (source.faces[face].entity == 0) continue;
+    const auto found = sides.find(face_key(nodes_of(face)));
+    if (found == sides.end()) continue;
+    for (FaceId f = boundary.sides[found->second]; f < boundary.sides[found->second + 1]; ++f)
+      entities[f] = source.faces[face].entity;
+  }
+  const auto add = [&](std::size_t face, std::size_t group) {
+    const std::vector<PointId> nodes = nodes_of(face);
     if (const auto found = sides.find(face_key(nodes)); found != sides.end()) {
       for (FaceId f = boundary.sides[found->second]; f < boundary.sides[found->second + 1]; ++f) groups.add_face(group, f);
     } else {
@@ -109,14 +122,15 @@ void ElementMesh::add_face(std::span<const PointId> nodes, const std::string& na
   faces.push_back(std::move(face));
 }
 
-std::shared_ptr<const Mesh> mesh_of(ElementMesh&& source, const std::string& name) {
+std::shared_ptr<const Mesh> mesh_of(ElementMesh&& source, const std::string& name, std::vector<std::int32_t>* entities) {
   auto mesh = std::make_shared<Mesh>();
+  std::vector<std::int32_t> of_faces;
   try {
     FaceGroups groups;
     if (source.elements.size() == 0 && !source.cells) {
-      add_surface(source, *mesh, groups);
+      add_surface(source, *mesh, groups, of_faces);
     } else {
-      add_boundary(source, *mesh, groups);
+      add_boundary(source, *mesh, groups, of_faces);
       add_volumes(source, groups);
     }
     add_point_sets(source, groups);
@@ -131,6 +145,7 @@ std::shared_ptr<const Mesh> mesh_of(ElementMesh&& source, const std::string& nam
   } catch (const Error& error) {
     throw Error(error.code(), name + ": " + error.what());
   }
+  if (entities != nullptr) *entities = std::move(of_faces);
   return mesh;
 }
 

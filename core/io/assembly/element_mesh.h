@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cstdint>
 #include <functional>
 #include <memory>
 #include <optional>
@@ -20,6 +21,7 @@ struct ElementMesh {
     std::vector<PointId> corners;                  ///< corners in order around the face; quadratic: corner, mid, corner, mid, ...
     std::string name;                              ///< name of its group; empty if it has none
     std::optional<PointId> centre = std::nullopt;  ///< mid-face node, if any
+    std::int32_t entity = 0;                       ///< see MeshFile::face_entities
   };
   struct FaceSet {
     std::string name;
@@ -47,7 +49,7 @@ struct ElementMesh {
 /// Builds the mesh. Its faces are the boundary of the elements or cells, or the surface elements if there are no volume elements.
 /// A surface element on the boundary is added to its group as a face (or as the faces into which one with a mid-face node is
 /// split), any other one by its points. Groups of volume elements contain their points; they are left out if there is only one.
-/// Throws Error(invalid_argument) naming the file.
-std::shared_ptr<const Mesh> mesh_of(ElementMesh&& source, const std::string& name);
+/// entities: those of the faces of the mesh, where it is given. Throws Error(invalid_argument) naming the file.
+std::shared_ptr<const Mesh> mesh_of(ElementMesh&& source, const std::string& name, std::vector<std::int32_t>* entities = nullptr);
 
 }  // namespace deform::io

@@ -306,6 +306,22 @@ TEST_F(CadApply, ConesAndSpheresGrow) {
   EXPECT_NEAR(volume(deformed_sphere) / volume(zone), 1.331, 1e-6);
 }
 
+TEST_F(CadApply, WholeSpheresAndToriGrow) {
+  const PointMap grown = [](const Vec3& p) { return Vec3{1.1 * p[0] + 3, 1.1 * p[1], 1.1 * p[2] - 1}; };
+  const ApplyRequest sphere = request(BRepPrimAPI_MakeSphere(1.5).Shape(), ".step");
+  EXPECT_EQ(apply_to_model(sphere, each(grown)).count(Became::reshaped), 1u);
+  const BRepAdaptor_Surface ball = face_of(read(sphere.output), 1);
+  ASSERT_EQ(ball.GetType(), GeomAbs_Sphere);
+  EXPECT_NEAR(ball.Sphere().Radius(), 1.65, 1e-9);
+  EXPECT_NEAR(ball.Sphere().Location().X(), 3, 1e-9);
+  const ApplyRequest torus = request(BRepPrimAPI_MakeTorus(3, 1).Shape(), ".step");
+  EXPECT_EQ(apply_to_model(torus, each(grown)).count(Became::reshaped), 1u);
+  const BRepAdaptor_Surface ring = face_of(read(torus.output), 1);
+  ASSERT_EQ(ring.GetType(), GeomAbs_Torus);
+  EXPECT_NEAR(ring.Torus().MajorRadius(), 3.3, 1e-9);
+  EXPECT_NEAR(ring.Torus().MinorRadius(), 1.1, 1e-9);
+}
+
 /// A mesh of block(): a grid of nodes on its faces, and on its bore.
 MeshMotion grid_on_block(const PointMap& map) {
   MeshMotion mesh;

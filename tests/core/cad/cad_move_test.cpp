@@ -9,8 +9,10 @@
 #include <BRepBuilderAPI_NurbsConvert.hxx>
 #include <BRepBuilderAPI_Transform.hxx>
 #include <BRepPrimAPI_MakeBox.hxx>
+#include <BRepPrimAPI_MakeCone.hxx>
 #include <BRepPrimAPI_MakeCylinder.hxx>
 #include <BRepTools.hxx>
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <functional>
@@ -148,14 +150,101 @@ TEST_F(CadMove, OtherStructuresAreRefusedByName) {
   EXPECT_THAT(text, HasSubstr("face 7 (cylinder) of the new model has 1 loop of 4 edges in all and no partner"));
 }
 
+TEST_F(CadMove, FacesThatBecameSplinesAreFoundAndNamed) {
+  const TopoDS_Shape before = box(1, 2, 3);
+  const Mesh mesh = box_mesh(1, 2, 3, 4);
+  const CarriedNodes carried = carry(before, BRepBuilderAPI_NurbsConvert(box(1.5, 2, 2.5), true).Shape(), mesh);
+  for (std::size_t i = 0; i < carried.nodes.size(); ++i) {
+    const Vec3& p = mesh.points[carried.nodes[i]];
+    EXPECT_LT(distance(carried.places[i], {1.5 * p[0], p[1], p[2] / 1.2}), 1e-9) << i;
+  }
+  EXPECT_THAT(carried.notes,
+              testing::Contains(HasSubstr("6 of 6 faces have another type in the new model, such as face 1 (plane), "
+                                          "whose partner is face 1 (B-spline)")));
+}
+
 TEST_F(CadMove, OtherTypesAreNamedWithTheFacesOfTheFiles) {
-  // Only the planes of the old model would be merged, to 6 faces.
-  const TopoDS_Shape split = BRepAlgoAPI_Fuse(box(1, 2, 3), BRepPrimAPI_MakeBox(gp_Pnt(1, 0, 0), 1, 2, 3).Shape()).Shape();
-  const std::string text = refusal(split, BRepBuilderAPI_NurbsConvert(split, true).Shape(), box_mesh(2, 2, 3, 2));
-  EXPECT_THAT(text,
-              HasSubstr("differ in structure: 10 faces, 20 edges and 12 vertices became 10 faces, 20 edges and 12 vertices"));
-  EXPECT_THAT(text, HasSubstr("(plane)"));
-  EXPECT_THAT(text, HasSubstr("(B-spline)"));
+  // A cone is no partner of a cylinder, though the structure is the same, and faces of the files are named, not merged ones.
+  const auto bored = [](const TopoDS_Shape& tool) {
+    const TopoDS_Shape split = BRepAlgoAPI_Fuse(box(1, 2, 3), BRepPrimAPI_MakeBox(gp_Pnt(1, 0, 0), 1, 2, 3).Shape()).Shape();
+    return BRepAlgoAPI_Cut(split, tool).Shape();
+  };
+  const gp_Ax2 axis(gp_Pnt(0.5, 1, 0), gp::DZ());
+  const std::string text = refusal(bored(BRepPrimAPI_MakeCylinder(axis, 0.2, 3).Shape()),
+                                   bored(BRepPrimAPI_MakeCone(axis, 0.2, 0.3, 3).Shape()), box_mesh(2, 2, 3, 2));
+  EXPECT_THAT(text, HasSubstr("differ in structure"));
+  EXPECT_THAT(text, HasSubstr("(cylinder)"));
+  EXPECT_THAT(text, HasSubstr("(cone)"));
+}
+
+/// A sheet of 4 x 3 and 1e-5 D, which becomes a block, with a mesh of few digits in which both sides are the same.
+class CadSheets : public CadMove {
+ protected:
+  CadSheets() : mesh_(box_mesh(4, 3, thickness, n)) {
+    for (Vec3& p : mesh_.points) p[2] = 0;
+    request_.before = file(box(4, 3, thickness), "before");
+    request_.after = file(box(4, 3, 0.5), "after");
+    // Grids of the sides z, y, x at the origin, then of those opposite.
+    for (int side = 0; side < 6; ++side) request_.face_entities.insert(request_.face_entities.end(), n * n, 10 + side);
+    turn_outwards();
+  }
+  /// As the faces of the boundary of a volume: x runs before y on top, after it below.
+  void turn_outwards() {
+    for (std::size_t f = 0; f < mesh_.face_count(); ++f) {
+      const std::size_t side = f / (n * n);
+      if (side == 0 || side == 2 || side == 4)
+        std::reverse(mesh_.face_points.begin() + 4 * f, mesh_.face_points.begin() + 4 * f + 4);
+    }
+  }
+  /// How many nodes of the grids inside both sides are where they should be.
+  std::size_t right(const CarriedNodes& carried) const {
+    std::size_t count = 0;
+    for (const int grid : {0, 3}) {
+      for (int j = 1; j < n; ++j) {
+        for (int i = 1; i < n; ++i) {
+          const std::size_t node = static_cast<std::size_t>(grid * (n + 1) * (n + 1) + j * (n + 1) + i);
+          const Vec3 &p = mesh_.points[node], &q = carried.places[node];
+          count += distance(q, {p[0], p[1], grid == 0 ? 0 : 0.5}) < 1e-9 ? 1 : 0;
+        }
+      }
+    }
+    return count;
+  }
+
+  static constexpr int n = 6;
+  static constexpr std::size_t inside = 2 * (n - 1) * (n - 1);
+  static constexpr double thickness = 5e-5;
+  Mesh mesh_;
+  MoveRequest request_;
+};
+
+TEST_F(CadSheets, DistanceAloneDoesNotTellTheSides) {
+  request_.face_entities.clear();
+  EXPECT_LE(right(carry_nodes(mesh_, request_)), inside / 2);
+}
+
+TEST_F(CadSheets, EntitiesTellTheSidesWhateverTheirTags) {
+  // The rims of the sheet are as flat as its digits allow: their nodes are put back for their entities to have an area.
+  for (std::size_t k = 0; k < mesh_.points.size(); ++k) {
+    const std::size_t grid = k / ((n + 1) * (n + 1)), row = k % ((n + 1) * (n + 1)) / (n + 1);
+    if (grid % 3 != 0) mesh_.points[k][2] = thickness * static_cast<double>(row) / n;
+  }
+  EXPECT_EQ(right(carry_nodes(mesh_, request_)), inside);
+  std::swap_ranges(request_.face_entities.begin(), request_.face_entities.begin() + n * n,
+                   request_.face_entities.begin() + 3 * n * n);
+  EXPECT_EQ(right(carry_nodes(mesh_, request_)), inside);
+  // Turned inwards as a whole.
+  for (std::size_t f = 0; f < mesh_.face_count(); ++f)
+    std::reverse(mesh_.face_points.begin() + 4 * f, mesh_.face_points.begin() + 4 * f + 4);
+  EXPECT_EQ(right(carry_nodes(mesh_, request_)), inside);
+}
+
+TEST_F(CadSheets, EntitiesOnSeveralFacesAreSaidAndNotUsed) {
+  std::fill(request_.face_entities.begin(), request_.face_entities.end(), 1);
+  const CarriedNodes carried = carry_nodes(mesh_, request_);
+  EXPECT_LE(right(carried), inside / 2);
+  EXPECT_THAT(carried.notes, testing::Contains(HasSubstr("1 of 1 entities and named groups of the mesh lie on no single face")));
+  EXPECT_THAT(carried.notes, testing::Contains(HasSubstr("such as surface 1: ")));
 }
 
 TEST_F(CadMove, TwoWaysThatFitAlikeAreRefused) {

@@ -551,6 +551,26 @@ TEST_F(CadFiles, IgesIsSewnAndCarried) {
   EXPECT_THAT(carried.notes, testing::Contains(HasSubstr("sewn")));
 }
 
+TEST_F(CadFiles, IgesIsReadInItsOwnUnitWhateverWasReadBefore) {
+  const TopoDS_Shape shape = block({0, 0, 0}, {10, 20, 30});
+  Model ignored;
+  for (const auto& [unit, other] : {std::pair{"IN", "millimetre"}, {"MM", "inch"}, {"M", "inch"}}) {
+    keep_unit("millimetre", ignored);
+    IGESControl_Controller::Init();
+    IGESControl_Writer writer(unit, 0);
+    writer.AddShape(shape);
+    const auto file = path(std::string(unit) + ".igs");
+    ASSERT_TRUE(writer.Write(file.c_str()));
+    const double millimetres = std::string(unit) == "IN" ? 25.4 : std::string(unit) == "M" ? 1000 : 1;
+    for (int time = 0; time < 2; ++time) {
+      keep_unit(other, ignored);
+      const Model model = read_model(file, 1);
+      EXPECT_NEAR(model.diagonal, std::sqrt(1400.0) / millimetres, 1e-6) << unit << " after " << other;
+      EXPECT_NEAR(model.unit, millimetres / 1000, 1e-12);
+    }
+  }
+}
+
 TEST_F(CadFiles, UnitsOfFilesAndOfTheMeshMayDiffer) {
   // The new file is in metres, the old one in millimetres, the mesh in centimetres.
   const TopoDS_Shape before = block({0, 0, 0}, {10, 20, 30}), after = scaled(block({0, 0, 0}, {15, 20, 25}), 0.001);
@@ -691,6 +711,30 @@ TEST_F(CadFiles, GivenPairsSolveWhatIsAmbiguous) {
     const double x = (p[0] - 0.5) * std::sqrt(0.5), y = (p[1] - 0.5) * std::sqrt(0.5);
     EXPECT_LT(distance(carried.places[i], {0.5 + x - y, 0.5 + x + y, p[2]}), 1e-9);
   }
+}
+
+TEST_F(CadFiles, GroupsWithNamesOfFacesTellTheSidesOfASheet) {
+  const TopoDS_Shape sheet = block({0, 0, 0}, {4, 3, 5e-5});
+  MoveRequest request;
+  request.before =
+      step(sheet, "before",
+           {{face_at(sheet, {2, 1, 0}), "hub", std::nullopt}, {face_at(sheet, {2, 1, 5e-5}), "tip", std::nullopt}}, "metre");
+  request.after = step(block({0, 0, 0}, {4, 3, 0.5}), "after", {}, "metre");
+  // Two triangles with few digits: below, seen from below, and above, seen from above.
+  Mesh mesh;
+  mesh.points = {{1, 1, 0}, {1, 2, 0}, {2, 1, 0}, {1, 1, 0}, {2, 1, 0}, {1, 2, 0}};
+  mesh.face_sizes = {3, 3};
+  mesh.face_points = {0, 1, 2, 3, 4, 5};
+  const auto heights = [&](const std::string& below, const std::string& above, std::vector<std::string>& notes) {
+    mesh.groups = {{below, {}, {0}}, {above, {}, {1}}};
+    const CarriedNodes carried = carry_nodes(mesh, request);
+    notes = carried.notes;
+    return std::array<double, 2>{carried.places[0][2], carried.places[3][2]};
+  };
+  std::vector<std::string> notes;
+  EXPECT_EQ(heights("hub", "tip", notes), (std::array{0.0, 0.5}));
+  EXPECT_THAT(notes, testing::Not(testing::Contains(HasSubstr("lie on no single face"))));
+  EXPECT_EQ(heights("one", "other", notes), (std::array{0.0, 0.0}));
 }
 
 TEST_F(CadFiles, NamesThatContradictPlacesAreRefused) {

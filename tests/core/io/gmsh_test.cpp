@@ -206,6 +206,11 @@ TEST_P(GmshForms, GroupsAndElements) {
   EXPECT_THAT(group(*mesh, "box").points, ElementsAre(0)) << "a name of several groups goes to points first";
   EXPECT_THAT(group(*mesh, "cellZone:box").points, SizeIs(8));
   EXPECT_EQ(mesh->groups.size(), 7u);
+  std::vector<std::int32_t> entities = file->face_entities;
+  ASSERT_EQ(entities.size(), mesh->face_count());
+  EXPECT_EQ(entities.at(group(*mesh, "wall").faces.front()), 1);
+  std::sort(entities.begin(), entities.end());
+  EXPECT_THAT(entities, ElementsAre(0, 0, 0, 0, 0, 0, 0, 1, 3)) << "2 is between cube and pyramid";
 }
 
 TEST_P(GmshForms, OnlyCoordinatesChange) {
@@ -372,6 +377,7 @@ TEST(Gmsh, PartitionedEntitiesHaveGroups) {
       "$Nodes\n1 3 1 3\n2 7 0 3\n1\n2\n3\n0 0 0\n1 0 0\n0 1 0\n$EndNodes\n"
       "$Elements\n1 1 1 1\n2 7 2 1\n1 1 2 3\n$EndElements\n";
   EXPECT_THAT(group(*parse_mesh(text, "b.msh")->mesh(), "physical_2d_5").faces, ElementsAre(0));
+  EXPECT_THAT(parse_mesh(text, "b.msh")->face_entities, ElementsAre(1)) << "that of the whole surface";
 }
 
 TEST(Gmsh, RefusesWhatIsWrong) {

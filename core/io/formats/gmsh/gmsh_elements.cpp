@@ -2,6 +2,7 @@
 #include "core/io/formats/gmsh/gmsh_elements.h"
 
 #include <algorithm>
+#include <utility>
 
 namespace deform::io {
 
@@ -85,9 +86,11 @@ void GmshElements::join(std::size_t group, int dimension, std::span<const PointI
   }
 }
 
-void GmshElements::add(const GmshElementType& type, std::span<const PointId> nodes, std::span<const std::size_t> groups) {
+void GmshElements::add(const GmshElementType& type, std::span<const PointId> nodes, std::span<const std::size_t> groups,
+                       std::int64_t entity) {
   if (type.dimension == 2) {
     mesh_.add_face(nodes, "");
+    if (std::in_range<std::int32_t>(entity)) mesh_.faces.back().entity = static_cast<std::int32_t>(entity);
   } else if (type.dimension == 3) {
     PointId ordered[27];
     for (std::size_t i = 0; i < type.nodes; ++i) ordered[i] = nodes[type.order == nullptr ? i : type.order[i]];
@@ -96,8 +99,8 @@ void GmshElements::add(const GmshElementType& type, std::span<const PointId> nod
   for (const std::size_t group : groups) join(group, type.dimension, nodes);
 }
 
-void GmshElements::add_or_repeat(const GmshElementType& type, std::span<const PointId> nodes,
-                                 std::span<const std::size_t> groups) {
+void GmshElements::add_or_repeat(const GmshElementType& type, std::span<const PointId> nodes, std::span<const std::size_t> groups,
+                                 std::int64_t entity) {
   std::vector<PointId> key(nodes.begin(), nodes.end());
   std::sort(key.begin(), key.end());
   const auto known = [&](std::size_t group) {
@@ -107,7 +110,7 @@ void GmshElements::add_or_repeat(const GmshElementType& type, std::span<const Po
       std::none_of(groups.begin(), groups.end(), known)) {
     for (const std::size_t group : groups) join(group, type.dimension, nodes);
   } else {
-    add(type, nodes, groups);
+    add(type, nodes, groups, entity);
     last_type_ = &type;
     last_ = std::move(key);
     last_groups_.clear();

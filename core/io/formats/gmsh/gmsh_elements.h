@@ -32,9 +32,11 @@ class GmshElements {
   /// The numbers of the groups for add(); groups without a name get one. Tag 0 means no group.
   std::vector<std::size_t> groups_of(int dimension, std::span<const std::int64_t> tags);
 
-  void add(const GmshElementType& type, std::span<const PointId> nodes, std::span<const std::size_t> groups);
+  /// entity: the tag of the geometrical entity on which it lies, 0: none.
+  void add(const GmshElementType& type, std::span<const PointId> nodes, std::span<const std::size_t> groups, std::int64_t entity);
   /// The same for version 2, which repeats an element for each of its groups.
-  void add_or_repeat(const GmshElementType& type, std::span<const PointId> nodes, std::span<const std::size_t> groups);
+  void add_or_repeat(const GmshElementType& type, std::span<const PointId> nodes, std::span<const std::size_t> groups,
+                     std::int64_t entity);
 
   ElementMesh take(std::vector<Vec3>&& points);
 

@@ -97,7 +97,7 @@ class GmshReader {
     const std::int64_t entity = source_.integer("the tag of an entity");
     if (kind == Entities::partitioned) {
       source_.integer("the dimension of a parent");
-      source_.integer("the tag of a parent");
+      parents_[{dimension, entity}] = source_.integer("the tag of a parent");
       read_integers("the partitions of an entity");
     }
     const int coordinates = dimension == 0 && source_.version() == Version::v4_1 ? 3 : 6;
@@ -246,14 +246,15 @@ class GmshReader {
     }
   }
 
-  /// Tags (the first is the physical group), then nodes.
+  /// Tags (the first is the physical group, the second the entity), then nodes.
   void read_element_2(const GmshElementType& type, std::uint64_t tags) {
-    std::int64_t physical = 0;
+    std::int64_t physical = 0, entity = 0;
     for (std::uint64_t t = 0; t < tags; ++t) {
       const std::int64_t tag = source_.integer("a tag of an element");
       if (t == 0) physical = tag;
+      if (t == 1) entity = tag;
     }
-    elements_.add_or_repeat(type, read_element_nodes(type), elements_.groups_of(type.dimension, {&physical, 1}));
+    elements_.add_or_repeat(type, read_element_nodes(type), elements_.groups_of(type.dimension, {&physical, 1}), entity);
   }
 
   void read_elements_4() {
@@ -272,9 +273,10 @@ class GmshReader {
       const auto physical = entities_.find({block.dimension, block.entity});
       const auto groups =
           physical == entities_.end() ? std::vector<std::size_t>() : elements_.groups_of(type.dimension, physical->second);
+      const auto parent = parents_.find({block.dimension, block.entity});
       for (std::size_t i = 0; i < size; ++i) {
         source_.tag("the tag of an element");
-        elements_.add(type, read_element_nodes(type), groups);
+        elements_.add(type, read_element_nodes(type), groups, parent == parents_.end() ? block.entity : parent->second);
       }
       total += size;
     }
@@ -310,6 +312,7 @@ class GmshReader {
 
   GmshSource source_;
   std::map<std::pair<int, std::int64_t>, std::vector<std::int64_t>> entities_;  // physical tags by dimension and tag
+  std::map<std::pair<int, std::int64_t>, std::int64_t> parents_;                // tags of entities that were partitioned
   std::vector<Vec3> points_;
   LabelIndex labels_;
   TextRecords text_;
@@ -321,9 +324,13 @@ class GmshReader {
 std::unique_ptr<MeshFile> parse_gmsh(std::string bytes, const std::string& name) {
   GmshReader reader(bytes, name);
   reader.read();
-  std::shared_ptr<const Mesh> mesh = mesh_of(reader.take(), name);
-  return reader.binary() ? make_binary_mesh_file(Format::gmsh, std::move(bytes), std::move(mesh), reader.take_binary_records())
-                         : make_text_mesh_file(Format::gmsh, std::move(bytes), std::move(mesh), reader.take_text_records());
+  std::vector<std::int32_t> entities;
+  std::shared_ptr<const Mesh> mesh = mesh_of(reader.take(), name, &entities);
+  auto file = reader.binary()
+                  ? make_binary_mesh_file(Format::gmsh, std::move(bytes), std::move(mesh), reader.take_binary_records())
+                  : make_text_mesh_file(Format::gmsh, std::move(bytes), std::move(mesh), reader.take_text_records());
+  file->face_entities = std::move(entities);
+  return file;
 }
 
 }  // namespace
