@@ -73,6 +73,8 @@ std::optional<double> fraction_reached(const v1::DesignResult& result) {
 
 namespace {
 
+constexpr double nearly_flat = 0.05;  // normalized determinant
+
 /// " 17, 23, ..." of ids that come worst first.
 template <typename Ids>
 std::string first_ids(const Ids& ids, std::uint64_t all) {
@@ -97,6 +99,10 @@ void print_cells(const v1::CellReport& cells, const v1::DesignResult& result, st
   out << "  " << cells.cells() << " cells, " << (in_steps ? "in one step " : "");
   if (cells.inverted() == 0 && cells.safe_amplitude() == 1) {
     out << "none is inverted";
+    // A cell of 0 is flat, one of 1 at its best.
+    if (const double least = cells.least_determinant(); !in_steps && least > 0 && least < nearly_flat) {
+      out << "; the least determinant is " << number_text(least) << ", of cell " << cells.least_determinant_cell();
+    }
   } else {
     out << cells.inverted() << (in_steps ? " would be inverted" : " inverted") << " by the full step; none before "
         << number_text(cells.safe_amplitude()) << " of it";

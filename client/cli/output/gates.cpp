@@ -35,6 +35,11 @@ Measured safe_amplitude(const v1::DesignResult& result) {
   return result.has_cells() ? Measured(result.cells().safe_amplitude()) : std::nullopt;
 }
 
+Measured least_determinant(const v1::DesignResult& result) {
+  if (result.has_split()) return result.split().least_determinant();
+  return result.has_cells() ? Measured(result.cells().least_determinant()) : std::nullopt;
+}
+
 Measured displacement_ratio(const v1::DesignResult& result) {
   if (result.prescribed_displacement() > 0) return result.max_displacement() / result.prescribed_displacement();
   return result.max_displacement() > 0 ? std::nullopt : Measured(1);
@@ -56,6 +61,7 @@ constexpr Measure measures[] = {
        return result.has_cells() ? Measured(static_cast<double>(result.cells().inverted_at_rest())) : std::nullopt;
      }},
     {"safe_amplitude", safe_amplitude},
+    {"least_determinant", least_determinant},
     {"max_displacement", [](const v1::DesignResult& result) { return Measured(result.max_displacement()); }},
     {"prescribed_displacement", [](const v1::DesignResult& result) { return Measured(result.prescribed_displacement()); }},
     {"displacement_ratio", displacement_ratio},

@@ -72,6 +72,15 @@ TEST(Gates, TellEachThatFailsInOrder) {
             (std::vector<std::string>{"flipped_faces>0: it is 12", "safe_amplitude<1: it is 0.25"}));
 }
 
+TEST(Gates, KnowTheLeastDeterminant) {
+  v1::DesignResult result = good_result();
+  result.mutable_cells()->set_least_determinant(0.02);
+  EXPECT_EQ(failures({"least_determinant<0.05"}, result), std::vector<std::string>{"least_determinant<0.05: it is 0.02"});
+  EXPECT_TRUE(failures({"least_determinant<0.01"}, result).empty());
+  result.mutable_split()->set_least_determinant(0.3);  // of what was delivered, not of one step
+  EXPECT_TRUE(failures({"least_determinant<0.05"}, result).empty());
+}
+
 TEST(Gates, FailOnWhatWasNotMeasured) {
   v1::DesignResult result = good_result();
   result.clear_faces();
