@@ -36,12 +36,12 @@ class Journal:
         whole = self._read(path) if path.exists() else 0
         changed = _changed(folder, dict(identity))
         finished = [*_finished(self.records.values()), *_finished(_kept(folder))]
-        kept = all(key in _JUDGING for key in changed) and not any(_optimized(folder, each) for each in finished)
-        if changed and finished and not kept:
+        corrected = all(key in _JUDGING for key in changed) and not any(_optimized(folder, each) for each in finished)
+        if changed and finished and not corrected:
             raise FailedPrecondition(f"{', '.join(changed)}: changed since {folder} was begun, whose designs would not be those of this study; name "
                                      "another folder, or delete that one")
         self._file = open(path, "ab")
-        if changed and not (finished and kept):  # what is there goes before the folder is claimed, so that a crash leaves no record to the wrong study
+        if changed and not (finished and corrected):  # what is there goes first, so that a crash leaves no record to the wrong study
             self.records, whole = {}, 0
             for kept in (folder / "results").glob("*.json"):
                 kept.unlink()
@@ -120,4 +120,4 @@ def _optimized(folder: pathlib.Path, record: Mapping[str, Any]) -> bool:
     before = json.loads((folder / "identity.json").read_text())
     named = {str(name) for key in _JUDGING for value in [ast.literal_eval(before.get(key, "None"))] if value
              for name in ([value] if isinstance(value, str) else value)}
-    return named <= record["values"].keys()
+    return bool(named <= record["values"].keys())
