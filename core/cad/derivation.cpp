@@ -189,9 +189,14 @@ std::optional<Correspondence> derived_partners(const Model& before, const Model&
   try {
     Correspondence found = match_models(before, after, *pairs, FaceTypes::left_out);
     found.same_parameters = true;
-    for (const Likely& way : edges) {  // structure does not say which way seams run that end where they start
+    std::vector<char> seam(before.edge_count(), 0);
+    for (const auto& uses : before.coedges) {
+      for (const Coedge& use : uses) seam[use.edge] = seam[use.edge] || use.seam ? 1 : 0;
+    }
+    for (const Likely& way : edges) {
+      // Structure does not say which way seams run that end where they start; of other closed edges (u, v) may not.
       const TopoDS_Edge edge = before.edge(way.edge);
-      if (way.miss <= sure && TopExp::FirstVertex(edge).IsSame(TopExp::LastVertex(edge)))
+      if (seam[way.edge] && way.miss <= sure && TopExp::FirstVertex(edge).IsSame(TopExp::LastVertex(edge)))
         found.edge_senses[way.edge] = way.turned ? -1 : 1;
     }
     return found;
