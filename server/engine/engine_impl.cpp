@@ -323,6 +323,7 @@ v1::EstimateReply EngineImpl::estimate(const v1::EstimateRequest& request, const
   reply.set_fits(reply.peak_bytes() + mesh_bytes(*mesh) <= memory_.total());
   convert::add_handles(*reply.mutable_handles(), setup, regions);
   convert::add_setup_notes(*reply.mutable_notes(), setup, *mesh, regions);
+  convert::add_setup_hints(*reply.mutable_notes(), setup, *mesh, regions);
   reply.set_fixed_points(regions.fixed.size());
   reply.set_system_id(recipe->id.id);
   reply.set_resident(cache_->contains(key_of(recipe->id)));
