@@ -572,10 +572,28 @@ double Deformation::largest_misfit(std::span<const double> variables, std::span<
   return largest;
 }
 
+std::vector<std::string> Deformation::doubts(const Maps& maps, std::span<const double> values) const {
+  std::vector<std::string> found;
+  for (std::size_t h = 0; h < maps.size(); ++h) {
+    if (shape_under(maps[h]) == Shape::kept) continue;
+    std::vector<Scale> scales;
+    for (const Drive& drive : drives_[h]) {
+      const double value = values[drive.variable];
+      if (drive.motion.kind == MotionKind::scaling && value != 0) {
+        scales.push_back({content_.variables[drive.variable].name, value});
+      }
+    }
+    found.push_back(shape_doubt(content_.handles[h].name, maps[h], scales));
+  }
+  return first_doubts(std::move(found));
+}
+
 Report Deformation::report(std::span<const double> variables) const {
-  const Maps maps = motions(checked_values(variables, ""));
+  const std::vector<double> values = checked_values(variables, "");
+  const Maps maps = motions(values);
   check_design(maps, "");
   Report report;
+  report.doubts = doubts(maps, values);
   report.prescribed_displacement = largest_displacement(maps);
   const Bound design = bound({maps}, 1);
   const std::size_t fields = content_.fields();

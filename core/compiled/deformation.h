@@ -18,6 +18,9 @@ struct Report {
   double interpolation_residual = 0;   ///< bound of the error at handle and fixed points, model units
   double error = 0;                    ///< estimated largest error at the points, model units
   bool converged = true;               ///< the basis, and where the setup sets a tolerance, the design, reached it
+  /// Handles that the design mirrors or flattens, a sentence each, see shape_doubt(): the points are right, and perhaps not
+  /// meant.
+  std::vector<std::string> doubts{};
 };
 
 /// A compiled deformation, ready to evaluate: x = rest + basis * coefficients(variables) at the points that follow, and the
@@ -109,6 +112,7 @@ class Deformation {
   template <typename T>
   std::vector<double> field_moments(std::span<const T> cotangent, int threads) const;
   double largest_displacement(const Maps& motions) const;
+  std::vector<std::string> doubts(const Maps& motions, std::span<const double> values) const;
 
   Content content_;
   std::vector<std::uint32_t> following_;              ///< ids of the points that follow, ascending

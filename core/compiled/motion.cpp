@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/compiled/motion.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <cstdio>
 
+#include "core/base/number_text.h"
 #include "core/base/vectors.h"
 
 namespace deform::compiled {
@@ -43,6 +46,15 @@ Linear scaling(const Vec3& axis, double identity, double v) {
   return rodrigues(normalized(axis), identity, 0, v);
 }
 
+/// The cross products of the rows of the linear part: its cofactors, row by row.
+std::array<Vec3, 3> cofactors(const std::array<Vec3, 3>& rows) {
+  return {cross(rows[1], rows[2]), cross(rows[2], rows[0]), cross(rows[0], rows[1])};
+}
+
+std::array<Vec3, 3> rows_of(const Affine& m) { return {{{m[0], m[1], m[2]}, {m[4], m[5], m[6]}, {m[8], m[9], m[10]}}}; }
+
+double norm_of(const std::array<Vec3, 3>& rows) { return norm(Vec3{norm(rows[0]), norm(rows[1]), norm(rows[2])}); }
+
 }  // namespace
 
 Affine motion_at(const VariableMotion& motion, double v) {
@@ -78,6 +90,42 @@ std::string unusable_value(const VariableMotion& motion, double v) {
   constexpr double largest_angle = 1e12;  // radians: doubles beyond are more than 1e-4 apart
   if (motion.kind != MotionKind::rotation || std::abs(v * motion.unit) <= largest_angle) return {};
   return "turns by more than 1e12 radians, where the rounding of the number is an angle itself";
+}
+
+Shape shape_under(const Affine& motion) {
+  constexpr double flat = 1e-6;
+  std::array<Vec3, 3> rows = rows_of(motion);
+  double largest = 0;
+  for (const Vec3& row : rows) largest = std::max({largest, std::abs(row[0]), std::abs(row[1]), std::abs(row[2])});
+  if (largest == 0) return Shape::flattened;
+  for (Vec3& row : rows) row = row / largest;  // so that no product overflows
+  const std::array<Vec3, 3> minors = cofactors(rows);
+  const double determinant = dot(rows[0], minors[0]);
+  if (std::abs(determinant) <= flat * norm_of(rows) * norm_of(minors)) return Shape::flattened;
+  return determinant < 0 ? Shape::mirrored : Shape::kept;
+}
+
+std::string shape_doubt(const std::string& handle, const Affine& motion, std::span<const Scale> scales) {
+  const Shape shape = shape_under(motion);
+  if (shape == Shape::kept) return {};
+  std::string by;
+  for (const Scale& scale : scales) {
+    by += (by.empty() ? " by " : ", ") + scale.variable + " = " + number_digits(scale.value);
+  }
+  const std::array<Vec3, 3> rows = rows_of(motion);
+  char determinant[32];
+  std::snprintf(determinant, sizeof determinant, "%.3g", dot(rows[0], cofactors(rows)[0]));
+  return "handle \"" + handle + "\" is " + (shape == Shape::flattened ? "flattened" : "mirrored") + by +
+         ": its linear map has determinant " + determinant;
+}
+
+std::vector<std::string> first_doubts(std::vector<std::string> doubts) {
+  constexpr std::size_t most = 3;
+  if (doubts.size() <= most) return doubts;
+  const std::size_t more = doubts.size() - most;
+  doubts.resize(most);
+  doubts.push_back(std::to_string(more) + (more == 1 ? " handle more is" : " handles more are") + " mirrored or flattened");
+  return doubts;
 }
 
 Affine chained(const Affine& outer, const Affine& inner, double inner_weight) {

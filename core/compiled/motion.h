@@ -3,7 +3,9 @@
 
 #include <array>
 #include <cstdint>
+#include <span>
 #include <string>
+#include <vector>
 
 #include "core/base/types.h"
 
@@ -32,6 +34,22 @@ Affine motion_rate(const VariableMotion& motion, double v);
 /// Why a value cannot be told from its neighbours, as the end of a sentence: a rotation by more than 1e12 radians, which a double
 /// rounds by more than 1e-4. Empty for all others.
 std::string unusable_value(const VariableMotion& motion, double v);
+
+/// What a map of positions makes of a body. It is flattened if the least singular value of the linear part is below about 1e-6 of
+/// the largest: |det A| <= 1e-6 |A| |cof A| in Frobenius norms. Else it is mirrored, inside out, if the determinant is negative.
+enum class Shape { kept, flattened, mirrored };
+Shape shape_under(const Affine& motion);
+
+/// A scaling that takes part in the motion of a handle.
+struct Scale {
+  std::string variable;  ///< its name
+  double value = 0;      ///< of the variable
+};
+/// Says that a handle is flattened or mirrored: "handle "root" is mirrored by fat = -2: its linear map has determinant -1". Empty
+/// where its shape is kept. `scales`: those that are not at rest, in their order; may be empty.
+std::string shape_doubt(const std::string& handle, const Affine& motion, std::span<const Scale> scales);
+/// The first three of such sentences, and how many more there are.
+std::vector<std::string> first_doubts(std::vector<std::string> doubts);
 
 /// The largest sum of the magnitudes of the terms that make up a position, if no coordinate is larger than `coordinate`: rounding
 /// is a fraction of it.

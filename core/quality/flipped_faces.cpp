@@ -29,6 +29,7 @@ constexpr int most_rows = 32;  // rows of crushed faces across which normals are
 constexpr double square_of_calm = 0.75;
 constexpr float smooth = 0.965925826F;  // cos of 15 degrees
 constexpr float unknown = 2;            // no cosine
+constexpr double no_motion = 1e-6;      // of the largest displacement: what solvers leave of none
 
 /// How a face moved: still faces are proved not to have turned by more than 30 degrees, calm ones were checked.
 enum Motion : char { still, moved, calm, turned };
@@ -75,6 +76,7 @@ class FlipCheck::Impl {
     double largest = 0;
     for (const Vec3& p : rest) largest = std::max({largest, std::abs(p[0]), std::abs(p[1]), std::abs(p[2])});
     rounding_ = 4 * std::numeric_limits<double>::epsilon() * largest;
+    diagonal_ = bounding_box(rest).diagonal();
     const std::vector<Vec3> normals = unit_normals(rest, context);
     pairs_ = face_pairs(mesh, corners_, rest, normals, context);
     pairs_.shrink_to_fit();
@@ -99,8 +101,9 @@ class FlipCheck::Impl {
     const std::vector<char> crushed = drop_crushed(points, normals, context);
     carry_normals(points, normals);
     const std::vector<float> cosines = changes(points, normals, context);
-    const std::vector<char> over = sides(motion, crushed, normals, cosines);
-    return listed(points, normals, crushed, cosines, over);
+    const std::vector<char> held = at_rest(points, normals, crushed, context);
+    const std::vector<char> over = sides(motion, crushed, held, normals, cosines);
+    return listed(points, normals, crushed, held, cosines, over);
   }
 
   std::size_t size() const { return corners_.size(); }
@@ -239,19 +242,44 @@ class FlipCheck::Impl {
     }
   }
 
+  /// Per face whether it is where it was: no corner moved, up to rounding. Of faces so small that this says nothing of their
+  /// normals, those count that did not turn either.
+  std::vector<char> at_rest(std::span<const Vec3> points, const std::vector<Vec3>& normals, const std::vector<char>& crushed,
+                            const RunContext& context) const {
+    double largest = 0;
+    for (std::size_t i = 0; i < points.size(); ++i) {
+      const double moved = length(points[i] - rest_[i]);
+      if (std::isfinite(moved)) largest = std::max(largest, moved);
+    }
+    const double limit = std::max(rounding_, no_motion * std::min(largest, diagonal_));
+    std::vector<char> held(size());
+    parallel_for(context, size(), grain, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t f = begin; f < end; ++f) {
+        if (!takes_part(f) || crushed[f] || !(dot(rest_normal(f), normals[f]) > 0.5)) continue;
+        const auto corners = corners_[f];
+        held[f] = std::all_of(corners.begin(), corners.end(), [&](PointId p) { return length(points[p] - rest_[p]) <= limit; });
+      }
+    });
+    return held;
+  }
+
   double prescribed_cosine(const FacePair& pair, float cosine) const {
     return length(rest_[pair.to] - rest_[pair.from]) * weight(pair) * evidence(static_cast<double>(cosine));
   }
 
   /// Per face whether it is on the side that is not upright.
-  std::vector<char> sides(const std::vector<char>& motion, const std::vector<char>& crushed, const std::vector<Vec3>& normals,
-                          const std::vector<float>& cosines) const {
+  std::vector<char> sides(const std::vector<char>& motion, const std::vector<char>& crushed, const std::vector<char>& held,
+                          const std::vector<Vec3>& normals, const std::vector<float>& cosines) const {
     std::vector<char> over(size(), 0);
     if (std::none_of(cosines.begin(), cosines.end(), [](float c) { return c < -0.5F; })) return over;
     Clusters clusters(size());
     const auto is_calm = [&](FaceId f) { return motion[f] != turned && !crushed[f]; };
     for (std::size_t i = sharp_; i < pairs_.size(); ++i) {
       if (is_calm(pairs_[i].first) && is_calm(pairs_[i].second)) clusters.join(pairs_[i].first, pairs_[i].second);
+    }
+    const auto first_held = std::find(held.begin(), held.end(), 1);
+    for (auto one = first_held; one != held.end(); one = std::find(one + 1, held.end(), 1)) {
+      clusters.join(static_cast<FaceId>(first_held - held.begin()), static_cast<FaceId>(one - held.begin()));
     }
     const std::size_t count = clusters.number();
     std::vector<SidePair> pairs;
@@ -262,6 +290,7 @@ class FlipCheck::Impl {
     }
     const TwoSides found = two_sides(count, std::move(pairs));
     struct Side {
+      bool held = false;          // has faces that are where they were: one of the two at most
       double area = 0, kept = 0;  // kept: area times cosine of how its normals turned
     };
     std::vector<std::array<Side, 2>> of(count);
@@ -269,20 +298,22 @@ class FlipCheck::Impl {
       if (!takes_part(f)) continue;
       const double area = length(vector_area(rest_, corners_[f]));
       Side& side = of[found.component[clusters[f]]][static_cast<std::size_t>(found.side[clusters[f]])];
+      if (held[f]) side.held = true;
       side.area += area;
       side.kept += area * dot(rest_normal(f), normals[f]);
     }
     for (std::size_t f = 0; f < size(); ++f) {
       const auto& [a, b] = of[found.component[clusters[f]]];
       const bool equal = std::abs(a.area - b.area) <= 1e-9 * (a.area + b.area);
-      const bool second_is_upright = equal ? b.kept > a.kept : b.area > a.area;
+      const bool second_is_upright = a.held != b.held ? b.held : equal ? b.kept > a.kept : b.area > a.area;
       over[f] = (found.side[clusters[f]] != 0) != second_is_upright;
     }
     return over;
   }
 
   std::vector<Extreme> listed(std::span<const Vec3> points, const std::vector<Vec3>& normals, const std::vector<char>& crushed,
-                              const std::vector<float>& cosines, const std::vector<char>& over) const {
+                              const std::vector<char>& held, const std::vector<float>& cosines,
+                              const std::vector<char>& over) const {
     struct Score {
       double sum = 0, weights = 0;
       std::uint32_t neighbours = 0;
@@ -301,6 +332,7 @@ class FlipCheck::Impl {
     }
     std::vector<Extreme> flipped;
     for (std::size_t f = 0; f < size(); ++f) {
+      if (held[f]) continue;
       const auto& [sum, weights, neighbours] = scores[f];
       if (crushed[f]) {
         const Vec3 own = unit_normal(points, corners_[f], rounding_);
@@ -321,7 +353,7 @@ class FlipCheck::Impl {
   std::size_t points_;
   std::span<const Vec3> rest_;
   FaceCorners corners_;
-  double rounding_ = 0;
+  double rounding_ = 0, diagonal_ = 0;
   std::vector<std::array<float, 3>> normals_;  ///< f, zero: the face takes no part
   std::vector<FacePair> pairs_;                ///< the sharp edges first
   std::size_t sharp_ = 0;

@@ -24,8 +24,10 @@ namespace deform {
 ///     weight that grows towards 0 and 180 and with the length of the edge at rest; if the assignments are contradictory, many
 ///     edges outvote few (two_sides.h). Sharp edges count less (factor 0.05 from 90 degrees at rest on): if both sheets at a
 ///     corner of a box are folded over along their edge, delta is 180 there too, although both are upside down. A lid that is
-///     rotated about its hinge by up to 120 degrees stays on its side. In each connected component the side with the larger area
-///     at rest is upright; of two equal ones, the one that turned less.
+///     rotated about its hinge by up to 120 degrees stays on its side. Faces are upright, and never flipped, that are where they
+///     were: none of their corners moved by more than 1e-6 of the largest displacement of a point (or of the diagonal of the
+///     bounding box, if that is smaller), which is what solvers leave of fixed points. In a connected component without any the
+///     side with the larger area at rest is upright; of two equal ones, the one that turned less.
 ///  2. A face is flipped if the mean of cos(delta) over its neighbours, with opposite sign for those that are not upright, is
 ///     negative, that is if it faces away from the orientation that they imply. This also finds single faces that turned by more
 ///     than 90 degrees. With one neighbour the sides decide; a face without neighbours is not flipped.

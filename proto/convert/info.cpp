@@ -8,6 +8,7 @@
 
 #include "core/deformers/composed/composed_setup.h"
 #include "core/deformers/methods.h"
+#include "core/deformers/setup_hints.h"
 #include "core/deformers/unheld_bodies.h"
 #include "proto/convert/base/fields.h"
 
@@ -90,6 +91,12 @@ void add_setup_notes(google::protobuf::RepeatedPtrField<std::string>& to, const 
     if (!own.fixed.empty() || selects_controls(own)) continue;
     *to.Add() = stage_field(s) + ": Nothing is fixed, so everything that is no handle of this method may move.";
   }
+}
+
+void add_setup_hints(google::protobuf::RepeatedPtrField<std::string>& to, const Setup& setup, const Mesh& mesh,
+                     const SelectedRegions& regions) {
+  for (std::string& note : variable_notes(mesh, setup, regions)) *to.Add() = std::move(note);
+  if (std::string note = half_model_note(mesh, setup, regions); !note.empty()) *to.Add() = std::move(note);
 }
 
 v1::EstimateReply estimate_reply(const Estimate& estimate) {

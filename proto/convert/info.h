@@ -20,6 +20,10 @@ void add_handles(google::protobuf::RepeatedPtrField<v1::HandleInfo>& to, const S
 void add_setup_notes(google::protobuf::RepeatedPtrField<std::string>& to, const Setup& setup, const Mesh& mesh,
                      const SelectedRegions& regions);
 
+/// Adds what the bounds of variables do, and what is seldom meant by a setup on this mesh; see core/deformers/setup_hints.h.
+void add_setup_hints(google::protobuf::RepeatedPtrField<std::string>& to, const Setup& setup, const Mesh& mesh,
+                     const SelectedRegions& regions);
+
 v1::EstimateReply estimate_reply(const Estimate& estimate);
 /// The reply for EstimateRequest.list_problems.
 v1::EstimateReply problems_reply(const Problems& problems);

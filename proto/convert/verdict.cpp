@@ -185,6 +185,7 @@ void set_verdict(const SolutionFacts& facts, v1::DesignResult& result) {
   judge_motion(facts, result, found);
   judge_mesh(facts, result, found);
   judge_size(facts, result, found);
+  for (const std::string& shape : facts.shapes) found.emplace_back(v1::VERDICT_DOUBTFUL, shape);
   judge_constraints(result.constraints(), found);
   std::stable_sort(found.begin(), found.end(), [](const Finding& a, const Finding& b) { return a.first > b.first; });
   result.set_verdict(found.empty() ? v1::VERDICT_GOOD : found.front().first);

@@ -37,6 +37,7 @@ struct SolutionFacts {
   std::size_t torn_edges = 0;  ///< DesignReport::torn_edges
   double misfit = 0;           ///< DesignReport::misfit, model units: of direct manipulation
   MethodFacts method{};
+  std::vector<std::string> shapes{};  ///< handles that are mirrored or flattened, a sentence each
 };
 
 /// Sets the verdict and its reasons from all other fields of `result`; see v1::Verdict.

@@ -291,9 +291,10 @@ void DeformCall::push_results(std::size_t step, WholeDesigns* whole) {
     result.set_design(static_cast<std::uint32_t>(bound_->numbers[design]));
     if (whole != nullptr) whole->findings[d].move_to(result);
     if (bound_->values == DeformTask::Values::positions) {
-      convert::set_verdict({info.diagonal(), info.condition(), report.converged, report.torn_edges, report.misfit,
-                            convert::method_facts(info.setup())},
-                           result);
+      convert::set_verdict(
+          {info.diagonal(), info.condition(), report.converged, report.torn_edges, report.misfit,
+           convert::method_facts(info.setup()), bound_->doubts.empty() ? std::vector<std::string>() : bound_->doubts[design]},
+          result);
     }
     fell_back_ += progress_[d].fell_back;
   }

@@ -51,6 +51,7 @@ struct BoundDesigns {
   std::unique_ptr<const Evaluation> evaluation;  ///< of the good ones, in their order; null when there are none
   std::vector<std::size_t> numbers;              ///< of these, in the request
   DesignErrors failed;
+  std::vector<std::vector<std::string>> doubts{};  ///< of the good ones, see handle_shape_doubts(); or empty
 };
 
 /// Binds all designs at once that can be. Where that throws what fails alone, each is bound for itself to find out which it is.

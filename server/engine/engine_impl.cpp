@@ -11,6 +11,7 @@
 #include "core/base/control_group.h"
 #include "core/base/number_text.h"
 #include "core/base/version.h"
+#include "core/deformers/handle_shapes.h"
 #include "core/deformers/methods.h"
 #include "proto/convert/base/block.h"
 #include "proto/convert/base/fields.h"
@@ -322,6 +323,7 @@ v1::EstimateReply EngineImpl::estimate(const v1::EstimateRequest& request, const
   reply.set_fits(reply.peak_bytes() + mesh_bytes(*mesh) <= memory_.total());
   convert::add_handles(*reply.mutable_handles(), setup, regions);
   convert::add_setup_notes(*reply.mutable_notes(), setup, *mesh, regions);
+  convert::add_setup_hints(*reply.mutable_notes(), setup, *mesh, regions);
   reply.set_fixed_points(regions.fixed.size());
   reply.set_system_id(recipe->id.id);
   reply.set_resident(cache_->contains(key_of(recipe->id)));
@@ -614,13 +616,18 @@ std::shared_ptr<DeformJob> EngineImpl::deform(v1::DeformRequest request, std::ui
                   const ResidentSystem& system, const RunContext& context) -> BoundDesigns {
     const WarmStart start = shared->warm_start() && starts ? starts->last(id) : WarmStart{};
     WarmStart warm;
+    std::vector<std::vector<std::string>> doubts;  // of the designs that are bound last
     const auto bind = [&](std::span<const Design> designs) {
-      if (!shared->warm_start()) return system.system->bind(designs, path, context);
       warm = start;
-      return system.system->bind_sequence(designs, path, warm, context);
+      auto evaluation = shared->warm_start() ? system.system->bind_sequence(designs, path, warm, context)
+                                             : system.system->bind(designs, path, context);
+      doubts.clear();
+      for (const Design& design : designs) doubts.push_back(handle_shape_doubts(system.setup, design));
+      return evaluation;
     };
     BoundDesigns bound = failures == Failures::per_design ? bind_each(convert_each(*shared, system), bind)
                                                           : BoundDesigns(bind(convert::designs_from_proto(*shared, system.info)));
+    if (bound.evaluation) bound.doubts = std::move(doubts);
     if (shared->warm_start() && starts && bound.evaluation) starts->set(id, std::move(warm));
     return bound;
   };

@@ -32,6 +32,7 @@ class Flow(EndToEnd):
             self.assertIn(key, registered)
         self.assertEqual(registered["faces"], self.sample["faces"])
         check = self.deform("prepare", "setup.yaml", "--check", "--json").json
+        self.assertTrue(any(note.startswith("Variable roof_up: bounds move points by up to 0.05 (") for note in check["notes"]), check["notes"])
         for key in ("centres", "peak_bytes", "resident_bytes", "seconds", "fits"):
             self.assertIn(key, check)
         self.assertFalse(check["resident"])

@@ -129,6 +129,18 @@ class Compiled(EndToEnd):
     def compile(self, setup="setup.yaml", output="car.deformation"):
         return self.deform("compile", setup, "-o", output, "--json").json
 
+    def test_a_mirrored_handle_is_doubtful_wherever_it_is_computed(self):
+        self.write("scaled.yaml", AHMED_SETUP + "  - {name: high, handle: roof, scale: {centre: [0, 0, 0], axis: [0, 0, 1]}}\n")
+        self.compile("scaled.yaml")
+        for value, word, determinant in ((-2.5, "mirrored", "-1.5"), (-1, "flattened", "0")):
+            reports = [self.deform("apply", what, "--set", f"high={value}", "-o", "out.obj", "--json").json["report"]
+                       for what in ("scaled.yaml", "car.deformation")]
+            self.assertIn(f'handle "roof" is {word} by high = {value}: its linear map has determinant {determinant}', reports[0]["reasons"])
+            for report in reports:
+                self.assertEqual((report["verdict"], report["reasons"]), (reports[0]["verdict"], reports[0]["reasons"]))
+        fine = self.deform("apply", "scaled.yaml", "--set", "high=0.1", "-o", "out.obj", "--json").json["report"]
+        self.assertEqual(fine["verdict"], "good")
+
     def test_the_file_is_what_the_server_computes(self):
         compiled = self.compile()
         self.assertEqual(compiled["bytes"], os.path.getsize(self.path("car.deformation")))

@@ -92,6 +92,8 @@ const std::vector<Case> cases = {
      v1::VERDICT_GOOD, ""},
     {"flipped", [](auto&, auto& r) { r.mutable_faces()->set_flipped(2); }, v1::VERDICT_DOUBTFUL, "2 of 100 faces are flipped"},
     {"torn", [](auto& f, auto&) { f.torn_edges = 3; }, v1::VERDICT_DOUBTFUL, "3 edges are torn at the boundary of the lattice"},
+    {"mirrored", [](auto& f, auto&) { f.shapes = {"handle \"root\" is mirrored"}; }, v1::VERDICT_DOUBTFUL,
+     "\"root\" is mirrored"},
     {"far", [](auto&, auto& r) { r.set_prescribed_displacement(0.06); }, v1::VERDICT_DOUBTFUL,
      "a point moves 1.67 times the largest prescribed displacement"},
     {"in_other_units",

@@ -255,6 +255,21 @@ TEST(CompiledDeformation, ReportsErrorsAsTheBasisHasThem) {
   EXPECT_TRUE(Deformation(blend.content).report(std::vector<double>{0.5, 0, 0, 0, 0}).converged);
 }
 
+TEST(CompiledDeformation, ReportsHandlesThatAreMirroredOrFlattened) {
+  test::Blend blend(50);
+  for (Variable& variable : blend.content.variables) variable.lower = -10;
+  const Deformation deformation(blend.content);
+  const auto doubts = [&](double grown, double stretched) {
+    return deformation.report(std::vector<double>{0.5, 0.3, grown, stretched, 0.7}).doubts;
+  };
+  using Texts = std::vector<std::string>;
+  const std::string handle = "handle \"" + blend.content.handles[1].name + "\"", grow = blend.content.variables[2].name;
+  EXPECT_EQ(doubts(0.3, -0.9), Texts{});
+  EXPECT_EQ(doubts(-3, 0), Texts{handle + " is mirrored by " + grow + " = -3: its linear map has determinant -8"});
+  EXPECT_EQ(doubts(-1, 0), Texts{handle + " is flattened by " + grow + " = -1: its linear map has determinant 0"});
+  EXPECT_EQ(doubts(-3, -2), Texts{}) << "mirrored twice";
+}
+
 TEST(CompiledDeformation, ReportsMisfitsWhereTheBasisHasThem) {
   test::Blend blend(200);
   blend.content.misfits = true;

@@ -173,6 +173,83 @@ TEST(FlippedFaces, ALidThatClosesOnTheSheet) {
   for (const std::size_t f : flipped) EXPECT_GE(f % 10, 7u);
 }
 
+TEST(FlippedFaces, WhatStaysIsUprightHoweverSmall) {
+  for (const Faces faces : both_kinds) {
+    const Mesh rest = unit_sheet(20, faces);
+    const auto lid = mapped(rest.points, [](const Vec3& p) { return bent(p, 0.2, 1e-12, 0.98 * pi); });
+    for (const std::size_t f : flipped_ids(rest, lid)) EXPECT_GE(f / (faces == Faces::quads ? 1 : 2) % 20, 4u);
+    EXPECT_EQ(flipped_ids(rest, lid).size(), rest.face_count() * 4 / 5) << "the larger part";
+
+    // In the plane, with what a solver leaves at fixed points: a strip of a tenth stays, the rest is mirrored over it.
+    std::mt19937_64 random(4);
+    std::uniform_real_distribution<double> some(-1, 1);
+    for (const double left : {0.0, 1e-9, 3e-7, 1e-4}) {
+      const Points points = mapped(rest.points, [&](const Vec3& p) {
+        return p[0] > 0.1 + 1e-9 ? Vec3{0.2 - p[0], p[1], 0} : Vec3{p[0] + left * some(random), p[1] + left * some(random), 0};
+      });
+      const Ids mirrored = wrong_way_round(rest, points);
+      ASSERT_EQ(mirrored.size(), rest.face_count() * 9 / 10);
+      Ids others(rest.face_count());
+      std::iota(others.begin(), others.end(), std::size_t{0});
+      std::erase_if(others, [&](std::size_t f) { return std::binary_search(mirrored.begin(), mirrored.end(), f); });
+      EXPECT_EQ(flipped_ids(rest, points), left < 1e-6 ? mirrored : others) << left << ": only what moves can be turned over";
+    }
+  }
+}
+
+TEST(FlippedFaces, OnePointFarAwayDoesNotMakeOthersStay) {
+  // Compared with that one a strip hardly moved, and yet it did: the larger part is upright, which is mirrored over it.
+  const Mesh rest = unit_sheet(20, Faces::quads);
+  Points points = mapped(rest.points, [](const Vec3& p) { return Vec3{p[0] < 0.3 ? p[0] : 0.6 - p[0], p[1], 1e-3}; });
+  points.back() = {-1e4, 1e4, 1e-3};
+  const Ids flipped = flipped_ids(rest, points);
+  for (std::size_t f = 0; f < 399; ++f) {
+    EXPECT_EQ(std::binary_search(flipped.begin(), flipped.end(), f), f % 20 < 6) << f << ": the strip is the smaller part";
+  }
+}
+
+TEST(FlippedFaces, BothEndsThatStayAreUprightWhateverIsBetween) {
+  // A ring in the middle of a tube turns across it and moves aside. The creases between the ring and the ends make these look as
+  // if one of them were upside down.
+  const Mesh tube = test::tube(1, 40, 100, 10, Faces::quads);
+  for (const double degrees : {110.0, 125.0, 140.0}) {
+    const double c = std::cos(degrees * pi / 180), s = std::sin(degrees * pi / 180);
+    std::vector<double> moved;
+    const Points points = mapped(tube.points, [&](const Vec3& p) {
+      const double t = std::clamp(std::abs(p[2] - 5) - 0.3, 0.0, 1.0), w = (1 - t) * (1 - t) * (1 + 2 * t);
+      const Vec3 turned{c * p[0] + s * (p[2] - 5) + 1, p[1], 5 - s * p[0] + c * (p[2] - 5)};
+      moved.push_back(w * std::hypot(turned[0] - p[0], turned[2] - p[2]));
+      return Vec3{p[0] + w * (turned[0] - p[0]), p[1], p[2] + w * (turned[2] - p[2])};
+    });
+    const Ids flipped = flipped_ids(tube, points);
+    EXPECT_GT(flipped.size(), 0u) << degrees;
+    for (const std::size_t f : flipped) EXPECT_GT(moved[tube.face_points[4 * f]], 0.2) << degrees << " " << f;
+  }
+}
+
+TEST(FlippedFaces, AFaceThatStaysIsNotFlippedByItsNeighbours) {
+  // A triangle with three flaps that turn by 100 degrees: those moved.
+  Mesh rest;
+  const double h = std::sqrt(3) / 2;
+  rest.points = {{0, 0, 0}, {1, 0, 0}, {0.5, h, 0}, {0.5, -h, 0}, {1.5, h, 0}, {-0.5, h, 0}};
+  add_face(rest, {0, 1, 2});
+  add_face(rest, {1, 0, 3});
+  add_face(rest, {2, 1, 4});
+  add_face(rest, {0, 2, 5});
+  Points points = rest.points;
+  for (std::size_t p = 3; p < 6; ++p) {
+    const Vec3 middle{0.5, h / 3, 0};
+    for (std::size_t k = 0; k < 2; ++k) {
+      const double hinge = middle[k] + (rest.points[p][k] - middle[k]) / 4;  // the middle of the edge
+      points[p][k] = hinge + (rest.points[p][k] - hinge) * std::cos(1.75);
+    }
+    points[p][2] = -h * std::sin(1.75);
+  }
+  EXPECT_EQ(flipped_ids(rest, points), Ids{});
+  for (Vec3& p : points) p[2] += 0.5;
+  EXPECT_EQ(flipped_ids(rest, points), Ids{0}) << "all moved";
+}
+
 TEST(FlippedFaces, TheMiddleOfAZ) {
   for (const Faces faces : both_kinds) {
     for (const std::uint32_t n : {10u, 30u}) {
