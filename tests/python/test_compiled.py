@@ -237,6 +237,18 @@ def test_reports_are_those_of_the_server(system, fast, population):
     assert fast.report([9, 0]).error.index == 0
 
 
+def test_a_mirrored_handle_is_doubtful_as_the_server_says(case, client):
+    setup = {"geometry": str(case.mesh), "handles": [{"name": "roof", "region": {"group": "roof"}}], "fixed": [{"group": "stilts"}], "method": {"rbf": {}},
+             "variables": [{"name": "fat", "handle": "roof", "scale": {"centre": [0.5, 0, 0.3], "axis": [0, 1, 0]}, "lower": -3, "upper": 1}]}
+    system = client.prepare(setup)
+    fast = system.local()
+    told = ('handle "roof" is mirrored by fat = -3: its linear map has determinant -2',)
+    report = fast.report([-3])
+    assert report.doubts == told and pickle.loads(pickle.dumps(report)).doubts == told and report.to_dict()["doubts"] == list(told)
+    assert told[0] in system.deform([-3]).report.reasons
+    assert fast.report([-0.5]).doubts == () == fast.report([9]).doubts
+
+
 def test_a_solution_that_is_wrong_is_bad():
     fine = deformd.CompiledReport(1e-5, 1.0, 1.0, 0.0, True, diagonal=2.0)
     assert not fine.bad

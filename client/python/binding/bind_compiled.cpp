@@ -207,7 +207,7 @@ py::list deform(const Compiled& compiled, const Doubles& designs, py::array out,
     if (const auto* const report = std::get_if<Report>(&one)) {
       const compiled::Report& solution = report->solution;
       list.append(py::make_tuple(solution.error, report->largest_displacement, solution.prescribed_displacement,
-                                 solution.interpolation_residual, solution.converged));
+                                 solution.interpolation_residual, solution.converged, py::tuple(py::cast(solution.doubts))));
     } else {
       list.append(exception_of(std::get<Error>(one)));
     }

@@ -86,13 +86,15 @@ class CompiledReport:
     """The report on one design of a compiled deformation, which knows the solver's part, and the flipped faces where a FaceCheck looked for
     them: no cells. Lengths are in model units. All but the error is NaN, None or False where there is one. Immutable."""
 
-    __slots__ = ("_numbers", "_diagonal", "_error", "_flipped_faces")
+    __slots__ = ("_numbers", "_diagonal", "_error", "_flipped_faces", "_doubts")
 
-    def __init__(self, *numbers: float, diagonal: float = 0.0, error: Optional[Error] = None, flipped_faces: Optional[int] = None) -> None:
+    def __init__(self, *numbers: float, diagonal: float = 0.0, error: Optional[Error] = None, flipped_faces: Optional[int] = None,
+                 doubts: Tuple[str, ...] = ()) -> None:
         self._numbers = numbers or (math.nan, math.nan, math.nan, math.nan, False)
         self._diagonal = diagonal
         self._error = error
         self._flipped_faces = flipped_faces
+        self._doubts = tuple(doubts)
 
     @property
     def estimated_error(self) -> float:
@@ -124,6 +126,11 @@ class CompiledReport:
     def flipped_faces(self) -> Optional[int]:
         """The number of faces that are folded over, which the server calls doubtful; None where nobody looked."""
         return self._flipped_faces
+
+    @property
+    def doubts(self) -> Tuple[str, ...]:
+        """What handles are mirrored or flattened by their motion, which the server calls doubtful; one sentence each."""
+        return self._doubts
 
     @property
     def relative_error(self) -> float:
@@ -165,17 +172,18 @@ class CompiledReport:
             return {"reasons": list(self.reasons), "error": {"code": error.code, "message": error.message, "field": error.field}}
         names = ("estimated_error", "max_displacement", "prescribed_displacement", "interpolation_residual", "converged", "relative_error",
                  "flipped_faces")
-        return {**{name: getattr(self, name) for name in names}, "reasons": list(self.reasons), "error": None}
+        return {**{name: getattr(self, name) for name in names}, "doubts": list(self.doubts), "reasons": list(self.reasons), "error": None}
 
     def __repr__(self) -> str:
         return f"<CompiledReport: {'; '.join(self.reasons) or f'estimated error {self.estimated_error:.3g}'}>"
 
     def __reduce__(self) -> Any:
-        return _compiled_report, (self._numbers, self._diagonal, self._error, self._flipped_faces)
+        return _compiled_report, (self._numbers, self._diagonal, self._error, self._flipped_faces, self._doubts)
 
 
-def _compiled_report(numbers: Tuple[float, ...], diagonal: float, error: Optional[Error], flipped_faces: Optional[int] = None) -> CompiledReport:
-    return CompiledReport(*numbers, diagonal=diagonal, error=error, flipped_faces=flipped_faces)
+def _compiled_report(numbers: Tuple[float, ...], diagonal: float, error: Optional[Error], flipped_faces: Optional[int] = None,
+                     doubts: Tuple[str, ...] = ()) -> CompiledReport:
+    return CompiledReport(*numbers, diagonal=diagonal, error=error, flipped_faces=flipped_faces, doubts=doubts)
 
 
 class Deformation(NamedTuple):

@@ -38,9 +38,8 @@ def evaluate(task: Task) -> Dict[str, Any]:
     seconds_deforming (until its points are there, for a command as a file) and seconds_evaluating (by measures, function or command).
 
     verdict: that of the report, "failed" where evaluator or design failed; of compiled deformations, whose cells nobody looks at, "doubtful" where
-    faces are flipped, else "unknown". Raises
-    what has nothing to do with the design: no server, no such function. What functions and commands gave is kept in the folder, so that it
-    is there for the study even if that ended meanwhile.
+    faces are flipped or handles mirrored, else "unknown". Raises what has nothing to do with the design: no server, no such function. What
+    functions and commands gave is kept in the folder, so that it is there for the study even if that ended meanwhile.
     """
     kept = pathlib.Path(task["folder"]) / "results" / f"{task['number']:06}.json"
     found = kept_result(task)
@@ -71,8 +70,11 @@ def _evaluate(task: Task) -> Dict[str, Any]:
     with _timed(record, "deforming"):
         points, report = system.deform(x, **looks)
     record.update(verdict=getattr(report, "verdict", "unknown"), reasons=list(report.reasons), values={}, gradients={}, mesh=None)
-    if task["compiled"] and report.flipped_faces:
-        record.update(verdict="doubtful", reasons=[*report.reasons, f"{report.flipped_faces} of {looks['faces'].faces} faces are flipped"])
+    if task["compiled"]:
+        flipped = [f"{report.flipped_faces} of {looks['faces'].faces} faces are flipped"] if report.flipped_faces else []
+        doubts = [*report.doubts, *flipped]
+        if doubts:
+            record.update(verdict="doubtful", reasons=[*report.reasons, *doubts])
     error = report.error
     if error is not None and error.code.lower() not in _FAILURES and not isinstance(error, InvalidArgument):
         raise error
