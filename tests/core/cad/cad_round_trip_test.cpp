@@ -281,8 +281,8 @@ TEST_P(SharedCad, TheMeshGoesWhereTheMapTakesIt) {
 }
 #endif
 GTEST_ALLOW_UNINSTANTIATED_PARAMETERIZED_TEST(SharedCad);
-INSTANTIATE_TEST_SUITE_P(All, SharedCad, testing::ValuesIn(shared_models()), [](const auto& info) {
-  std::string name = info.param;
+INSTANTIATE_TEST_SUITE_P(All, SharedCad, testing::ValuesIn(shared_models()), [](const auto& model) {
+  std::string name = model.param;
   std::replace_if(
       name.begin(), name.end(), [](char c) { return std::isalnum(static_cast<unsigned char>(c)) == 0; }, '_');
   return name;
