@@ -30,7 +30,8 @@ struct KnownFaces {
 };
 
 /// Finds the face of the model for each entity of the mesh, see MoveRequest::face_entities, and for each group with the name of a
-/// single face of the model: the only one that all its nodes lie on, within the tolerance, and along whose surface its faces lie.
+/// single face of the model: the only one that its nodes lie on, within the tolerance, and along whose surface its faces lie, as
+/// far as up to 100 of its faces show, evenly by their number. Nodes that turn out not to lie on it are sorted by distance.
 /// Among several, such as both sides of a sheet, the one on the side to which the faces of all other entities are turned; then
 /// the one whose number is the tag, as in meshes that Gmsh made of the file. Tags and names are never taken without this proof;
 /// what has none is said and not used.

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdint>
 #include <cstdio>
 #include <numbers>
 #include <utility>
@@ -12,6 +11,7 @@
 
 #include "core/base/number_text.h"
 #include "core/base/vectors.h"
+#include "core/mesh/region.h"
 
 namespace deform {
 
@@ -132,35 +132,19 @@ std::vector<std::string> variable_notes(const Mesh& mesh, const Setup& setup, co
 
 std::string half_model_note(const Mesh& mesh, const Setup& setup, const SelectedRegions& regions) {
   if (!setup.symmetry.empty() || mesh.cell_count() > 0 || mesh.face_count() == 0 || !selects_points(regions)) return {};
-  std::vector<std::uint64_t> edges;
-  edges.reserve(mesh.face_points.size());
-  std::size_t first = 0;
-  for (const std::uint32_t size : mesh.face_sizes) {
-    for (std::size_t c = 0; c < size; ++c) {
-      const PointId a = mesh.face_points[first + c], b = mesh.face_points[first + (c + 1) % size];
-      if (a != b) edges.push_back(std::uint64_t{std::min(a, b)} << 32 | std::max(a, b));
-    }
-    first += size;
-  }
-  std::sort(edges.begin(), edges.end());
+  const std::vector<PointId> rim = select({Region::OpenBoundary{}}, mesh, "open boundary");
   const Box box = bounding_box(mesh.points);
   const double limit = 1e-6 * box.diagonal();
   std::array<bool, 6> holds{true, true, true, true, true, true};  // the sides: least and greatest x, y, z
-  bool open = false, free = false;
-  for (std::size_t i = 0, end = 0; i < edges.size(); i = end) {
-    for (end = i + 1; end < edges.size() && edges[end] == edges[i];) ++end;
-    if (end - i > 1) continue;
-    open = true;
-    for (const auto id : {static_cast<PointId>(edges[i] >> 32), static_cast<PointId>(edges[i])}) {
-      for (int side = 0; side < 6; ++side) {
-        const double at = side % 2 == 0 ? box.min[side / 2] : box.max[side / 2];
-        if (!(std::abs(mesh.points[id][side / 2] - at) <= limit)) holds[static_cast<std::size_t>(side)] = false;
-      }
-      free = free || !std::binary_search(regions.fixed.begin(), regions.fixed.end(), id);
+  bool free = false;
+  for (const PointId id : rim) {
+    for (int side = 0; side < 6; ++side) {
+      const double at = side % 2 == 0 ? box.min[side / 2] : box.max[side / 2];
+      if (!(std::abs(mesh.points[id][side / 2] - at) <= limit)) holds[static_cast<std::size_t>(side)] = false;
     }
-    if (std::none_of(holds.begin(), holds.end(), [](bool one) { return one; })) return {};
+    free = free || !std::binary_search(regions.fixed.begin(), regions.fixed.end(), id);
   }
-  if (!open || !free) return {};
+  if (!free) return {};
   for (int side = 0; side < 6; ++side) {
     if (!holds[static_cast<std::size_t>(side)] || box.side(side / 2) <= limit) continue;
     const double at = side % 2 == 0 ? box.min[side / 2] : box.max[side / 2];

@@ -28,7 +28,7 @@ std::vector<std::string> variable_notes(const Mesh& mesh, const Setup& setup, co
 
 /// A sentence where a surface without symmetry planes looks like half of a model: it has an open rim, all of it lies in one side
 /// of the bounding box (up to 1e-6 D), and some of it in no fixed region. Else empty. Not for meshes with cells or without faces;
-/// edges at seams, whose points only share places, count as open. Memory: 8 bytes per edge of a face.
+/// edges at seams, whose points only share places, count as open.
 std::string half_model_note(const Mesh& mesh, const Setup& setup, const SelectedRegions& regions);
 
 }  // namespace deform

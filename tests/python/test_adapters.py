@@ -88,7 +88,6 @@ def test_designs_that_must_not_be_used_rank_last(squeezed):
     assert steep(np.array([1.0])) == 5 and steep.gradient(np.array([1.0])) != 0
     slope = abs(steep.gradient(np.array([1.0]))[0])
     assert steep(np.array([6.0])) == pytest.approx(5 + 5 * slope) and steep.gradient(np.array([6.0])) == pytest.approx(slope)
-    assert steep(np.array([-9.0])) == pytest.approx(5 + 10 * slope) or steep(np.array([-9.0])) == 5, "away from the design that could"
 
 
 @pytest.mark.parametrize("missing", [np.nan, np.inf, -np.inf])

@@ -174,7 +174,7 @@ CorrectionBytes level_bytes(const Mesh& mesh, const UnitBox& box, const std::vec
   std::vector<char> bound;
   for (const PointId id : held) bound.push_back(next[id]);
   const std::vector<Vec3> places = unit_places(mesh, box, held);
-  const std::vector<CompactLevel> levels = choose_levels({places, farthest_point_order(places, centres), bound}, {});
+  const std::vector<CompactLevel> levels = choose_levels({places, ResidualCorrection::centres_of(places, centres), bound}, {});
   const CompactLevels::Bytes bytes = CompactLevels::estimate(places, levels);
   return {bytes.resident, bytes.peak};
 }

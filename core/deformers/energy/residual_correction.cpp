@@ -35,9 +35,16 @@ std::size_t ResidualCorrection::centres_for(std::size_t points) {
   return std::clamp<std::size_t>(evaluations / std::max<std::size_t>(1, points), 600, 2000);
 }
 
+std::vector<std::uint32_t> ResidualCorrection::centres_of(std::span<const Vec3> places, std::size_t most) {
+  constexpr double alike = 1e-9;
+  return farthest_point_order(places, most, alike);
+}
+
+// Of stored systems rounding decides which centres there are.
 ResidualCorrection::ResidualCorrection(std::span<const Vec3> places, std::size_t most_centres, std::span<const char> bound,
                                        const RunContext& context)
-    : ResidualCorrection(places, farthest_point_order(places, most_centres), Kind::smooth, context) {
+    : ResidualCorrection(places, bound.empty() ? farthest_point_order(places, most_centres) : centres_of(places, most_centres),
+                         Kind::smooth, context) {
   if (bound.empty()) return;
   std::vector<CompactLevel> levels = choose_levels({places, centres_, bound}, context);
   if (levels.empty()) return;

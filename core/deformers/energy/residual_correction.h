@@ -31,6 +31,9 @@ class ResidualCorrection {
   /// The number of centres for this number of evaluation points: 600 to 2000, more if that is cheap.
   static std::size_t centres_for(std::size_t points);
 
+  /// The centres where all points next to deformable ones are met: positions among the places.
+  static std::vector<std::uint32_t> centres_of(std::span<const Vec3> places, std::size_t most);
+
   /// `places` are all m handle and fixed points, in unit coordinates. It meets those that are `bound` (m, nonzero), or with an
   /// empty mask only the centres.
   ResidualCorrection(std::span<const Vec3> places, std::size_t most_centres, std::span<const char> bound,

@@ -23,11 +23,11 @@ class FlatCase {
   bool exists() const { return exists_; }
   const Vec3& normal() const { return normal_; }  ///< unit
 
-  /// Why a displacement, or its rate, of size `size` leads out of the planes, with what to do: "leaves the plane ...". Empty if
-  /// it does not.
+  /// Why a displacement, or its rate, leads out of the planes, with what to do: "leaves the plane ...". Empty if it does not by
+  /// more than 1e-9 of `size`, that of its terms, in the same unit.
   std::string leaves(const Vec3& displacement, double size) const;
-  /// The first of these points (ascending) whose partner in the other plane is not among them: "point 3 ..., with what to do;
-  /// empty if there is none.
+  /// The first of these points (ascending) whose partner in the other plane is not among them: "point 3 is in the region, but not
+  /// point 12 ...", with what to do; empty if there is none.
   std::string one_sided(const std::vector<PointId>& ids) const;
 
  private:

@@ -211,18 +211,12 @@ void HandleSystem::check_sliding(const std::vector<Affine>& derivative, const st
     const RegionIndex handle = points_.region_of[id];
     const Affine& m = derivative[handle];
     if (m == Affine{}) continue;
-    const Vec3& x = held_mesh_->points[id];
-    const Vec3 u = transformed(m, x);
-    double size = 0;  // of the terms of u
-    for (std::size_t i = 0; i < 12; ++i) size = std::max(size, std::abs(m[i] * (i % 4 == 3 ? 1.0 : x[i % 4])));
-    const Vec3 across = symmetry.to_frame(u);
-    for (std::size_t k = 0; k < symmetry.planes(); ++k) {
-      if ((symmetry.on(id) >> k & 1u) == 0 || std::abs(across[k]) * info_.diagonal <= symmetry.reach(k) * size) continue;
-      std::ostringstream text;
-      text << what << ": moves " << point_word() << id << " (handle \"" << setup_.handles[handle].name << "\") out of symmetry["
-           << k << "] at a rate of " << number_digits(across[k]) << only_slides;
-      throw Error(ErrorCode::invalid_argument, text.str());
-    }
+    const auto exit = plane_exit(symmetry, symmetry.on(id), m, held_mesh_->points[id], info_.diagonal);
+    if (!exit) continue;
+    std::ostringstream text;
+    text << what << ": moves " << point_word() << id << " (handle \"" << setup_.handles[handle].name << "\") out of symmetry["
+         << exit->plane << "] at a rate of " << number_digits(exit->rate) << only_slides;
+    throw Error(ErrorCode::invalid_argument, text.str());
   }
 }
 

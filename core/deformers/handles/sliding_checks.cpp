@@ -27,17 +27,12 @@ void check_rates(const Setup& setup, const SlidingPlaces& at, const std::vector<
     if (rates[h] == Affine{}) continue;
     for (const PointId id : at.handles[h]) {
       const Vec3& x = at.places[id];
-      const unsigned on = symmetry.on(x);
-      if (on == 0) continue;
-      const double size = term_size(rates[h], x);
-      const Vec3 across = symmetry.to_frame(transformed(rates[h], x));
-      for (std::size_t k = 0; k < symmetry.planes(); ++k) {
-        if ((on >> k & 1u) == 0 || std::abs(across[k]) * at.diagonal <= symmetry.reach(k) * size) continue;
-        refuse_argument(what + ": moves " + at.point_word + " " + std::to_string(id) + " of handle \"" + setup.handles[h].name +
-                        "\" out of symmetry[" + std::to_string(k) + "], at a rate of " + number_digits(across[k]) +
-                        "; points on a symmetry plane only slide in it: move them along it, or take them out of the handle with "
-                        "`difference`");
-      }
+      const auto exit = plane_exit(symmetry, symmetry.on(x), rates[h], x, at.diagonal);
+      if (!exit) continue;
+      refuse_argument(what + ": moves " + at.point_word + " " + std::to_string(id) + " of handle \"" + setup.handles[h].name +
+                      "\" out of symmetry[" + std::to_string(exit->plane) + "], at a rate of " + number_digits(exit->rate) +
+                      "; points on a symmetry plane only slide in it: move them along it, or take them out of the handle with "
+                      "`difference`");
     }
   }
 }
@@ -60,6 +55,16 @@ void check_each(const Setup& setup, Problems& problems, const Check& check) {
 }
 
 }  // namespace
+
+std::optional<PlaneExit> plane_exit(const Symmetry& symmetry, unsigned on, const Affine& rate, const Vec3& x, double diagonal) {
+  if (on == 0) return std::nullopt;
+  const double size = term_size(rate, x);
+  const Vec3 across = symmetry.to_frame(transformed(rate, x));
+  for (std::size_t k = 0; k < symmetry.planes(); ++k) {
+    if ((on >> k & 1u) != 0 && std::abs(across[k]) * diagonal > symmetry.reach(k) * size) return PlaneExit{k, across[k]};
+  }
+  return std::nullopt;
+}
 
 void check_variables_slide(const Setup& setup, const SlidingPlaces& at, Problems& problems) {
   if (at.symmetry.planes() == 0) return;

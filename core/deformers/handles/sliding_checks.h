@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
+#include <cstddef>
+#include <optional>
 #include <vector>
 
 #include "core/base/problems.h"
@@ -10,6 +12,15 @@
 #include "core/mesh/mesh.h"
 
 namespace deform {
+
+/// Where the rate of a map of positions takes a point out of a symmetry plane on which it lies.
+struct PlaneExit {
+  std::size_t plane = 0;
+  double rate = 0;  ///< along its normal, model units per unit of the variable
+};
+/// The first of the planes `on` (mask) that the point leaves by more than the rounding of the terms of the rate; nothing if it
+/// stays in all. `diagonal` is that of the mesh.
+std::optional<PlaneExit> plane_exit(const Symmetry& symmetry, unsigned on, const Affine& rate, const Vec3& x, double diagonal);
 
 /// Whether variables, each alone, let the points of their handles slide in the symmetry planes on which they lie: at rest, and at
 /// both bounds or 1 where there is none. Adds a problem "variables[k]" for each that does not, naming the handle, its first such

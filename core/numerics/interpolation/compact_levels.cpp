@@ -16,6 +16,7 @@ namespace deform {
 namespace {
 
 constexpr double coincident = 1e-12;
+constexpr double alike = 1e-9;       // rounding decides nothing on regular meshes, so that levels are the same in other units
 constexpr double radius_of_gap = 2;  // the spacing is half the gap
 constexpr std::size_t places_per_task = 256;
 
@@ -42,7 +43,7 @@ class LevelChoice {
     for (const std::uint32_t i : from_.known) taken_[i] = 1;
     std::vector<Vec3> places;
     for (std::size_t i = 0; i < from_.places.size(); ++i) {
-      if (distance_[i] > radius_of_gap * widest) continue;
+      if (distance_[i] > (1 + alike) * radius_of_gap * widest) continue;
       candidates_.push_back(static_cast<std::uint32_t>(i));
       places.push_back(from_.places[i]);
     }
@@ -63,7 +64,7 @@ class LevelChoice {
     std::vector<PointTree::Near> near;
     std::vector<std::uint32_t> fresh;
     for (const std::uint32_t i : candidates_) {
-      if (taken_[i] || gap_[i] < gap / 2 || distance_[i] > level.radius) continue;
+      if (taken_[i] || gap_[i] < (1 - alike) * gap / 2 || distance_[i] > (1 + alike) * level.radius) continue;
       taken_[i] = 1;
       fresh.push_back(i);
       if (fresh.size() % 256 == 0) context.check();
@@ -98,10 +99,10 @@ class LevelChoice {
     for (const std::uint32_t i : fresh) reached[i] = 1;
     std::vector<PointTree::Near> near;
     for (std::size_t open = 0; open < result.size(); ++open) {
-      near_->within(from_.places[result[open]], radius * radius, near);
+      near_->within(from_.places[result[open]], (1 + alike) * radius * radius, near);
       for (const auto& [candidate, square] : near) {
         const std::uint32_t i = candidates_[candidate];
-        if (!taken_[i] || reached[i] || distance_[i] > radius) continue;
+        if (!taken_[i] || reached[i] || distance_[i] > (1 + alike) * radius) continue;
         reached[i] = 1;
         result.push_back(i);
       }

@@ -21,9 +21,9 @@ class PointCover {
   /// Distance to the nearest selected point: 0 for selected points and those that coincide with one, infinite before the
   /// first selection.
   double distance(std::size_t point) const;
-  /// The point with the largest distance to the selected ones, the first of several; before the first selection, the point
-  /// farthest from the mean of all.
-  std::size_t farthest() const;
+  /// The point with the largest distance to the selected ones, the first of several whose squared distances are equal up to
+  /// this fraction; before the first selection, the point farthest from the mean of all.
+  std::size_t farthest(double alike = 0) const;
 
  private:
   std::span<const Vec3> points_;
@@ -32,7 +32,9 @@ class PointCover {
 };
 
 /// The first `count` points of a farthest-point order (Gonzalez 1985; thesis 7.5): each has the largest distance to the preceding
-/// ones. Returns fewer if all remaining points coincide with earlier ones. Deterministic; O(size x count).
-std::vector<std::uint32_t> farthest_point_order(std::span<const Vec3> points, std::size_t count);
+/// ones. Returns fewer if all remaining points coincide with earlier ones. Deterministic; O(size x count). On regular meshes many
+/// points are equally far: with `alike`, see PointCover::farthest(), rounding does not decide between them, so that the order is
+/// the same in other units.
+std::vector<std::uint32_t> farthest_point_order(std::span<const Vec3> points, std::size_t count, double alike = 0);
 
 }  // namespace deform

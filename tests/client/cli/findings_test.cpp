@@ -46,6 +46,20 @@ TEST(Findings, TellHowConstraintsWereSolved) {
   EXPECT_NE(printed(design).find("(without constraints 2, 1), NOT EXACT: it contradicts others"), std::string::npos);
 }
 
+TEST(Findings, NameTheCellThatIsNearlyFlat) {
+  v1::DesignResult design;
+  v1::CellReport& cells = *design.mutable_cells();
+  cells.set_cells(8);
+  cells.set_safe_amplitude(1);
+  cells.set_least_determinant(0.02);
+  cells.set_least_determinant_cell(5);
+  EXPECT_EQ(printed(design), "  8 cells, none is inverted; the least determinant is 0.02, of cell 5\n");
+  cells.set_least_determinant(0.06);
+  EXPECT_EQ(printed(design), "  8 cells, none is inverted\n");
+  cells.set_least_determinant(0);  // an older server
+  EXPECT_EQ(printed(design), "  8 cells, none is inverted\n");
+}
+
 TEST(Findings, AreAllInTheJson) {
   v1::DesignResult design = result();
   design.mutable_constraints()->set_newton_steps(3);

@@ -13,6 +13,7 @@
 #include "core/compiled/reader.h"
 #include "core/compiled/records.h"
 #include "core/deformers/compiled_form.h"
+#include "tests/core/deformers/compiled_deformation.h"
 #include "tests/core/deformers/energy_cases.h"
 #include "tests/core/deformers/mirrored_sheet.h"
 #include "tests/core/deformers/wheel.h"
@@ -22,19 +23,8 @@
 namespace deform {
 namespace {
 
-compiled::Deformation compiled_controls(const std::shared_ptr<const System>& system) {
-  CompiledForm form(system);
-  form.content().geometry_id = std::string(64, 'a');
-  form.content().system_id = std::string(64, 'b');
-  compiled::Records records(form.content(),
-                            [&](std::size_t basis, std::size_t first, std::span<double> out) { form.values(basis, first, out); });
-  std::vector<std::byte> bytes, piece;
-  while (records.next(piece)) bytes.insert(bytes.end(), piece.begin(), piece.end());
-  return compiled::Deformation(compiled::read_content(bytes));
-}
-
 void expect_basis_path(const std::shared_ptr<const System>& system, const std::vector<double>& at) {
-  const compiled::Deformation deformation = compiled_controls(system);
+  const compiled::Deformation deformation = test::compiled_deformation(system);
   const Design design{at, {}};
   const Points right = system->evaluate({&design, 1}, EvaluationPath::basis)[0];
   std::vector<double> flat(3 * right.size());
@@ -127,13 +117,7 @@ TEST(CompiledControls, OfASectorAreTheBasisPath) {
   for (const std::size_t count : {2, 5}) {
     test::SectorModel model({count, 0.0, 1}, test::oblique());
     const test::Frame& frame = model.frame;
-    FfdOptions options;
-    options.control = FfdControl::controls;
-    options.basis = BasisMode::always;
-    options.lattice.frame =
-        LatticeFrame{frame.point({-0.1, -0.3, -0.4}), {1.1 * frame.axes[0], 1.4 * frame.axes[1], 1.3 * frame.axes[2]}};
-    options.lattice.points = {5, 6, 5};
-    model.setup.method = options;
+    model.setup.method = test::sector_lattice(frame);
     model.setup.fixed.clear();
     model.setup.handles[0].region = layers({1, 3}, {1, 4}, {1, 3});
     model.setup.variables = {{"along", "blade", DesignVariable::Translate{frame.axes[0]}},

@@ -13,23 +13,14 @@
 #include "core/compiled/records.h"
 #include "core/numerics/kernels/tiles.h"
 #include "tests/core/deformers/basis_cases.h"
+#include "tests/core/deformers/compiled_deformation.h"
 #include "tests/core/deformers/mirrored.h"
 #include "tests/support/expect_error.h"
 
 namespace deform {
 namespace {
 
-/// As it comes out of a file.
-compiled::Deformation compiled_deformation(const std::shared_ptr<const System>& system) {
-  CompiledForm form(system);
-  form.content().geometry_id = std::string(64, 'a');
-  form.content().system_id = std::string(64, 'b');
-  compiled::Records records(form.content(),
-                            [&](std::size_t basis, std::size_t first, std::span<double> out) { form.values(basis, first, out); });
-  std::vector<std::byte> bytes, piece;
-  while (records.next(piece)) bytes.insert(bytes.end(), piece.begin(), piece.end());
-  return compiled::Deformation(compiled::read_content(bytes));
-}
+using test::compiled_deformation;
 
 /// Sums are fused where the processor can, which the system leaves to it.
 bool fuses() { return std::string(vector_target()).find("AVX") != std::string::npos; }

@@ -9,6 +9,7 @@
 #include <memory>
 #include <vector>
 
+#include "core/base/vectors.h"
 #include "core/deformers/methods.h"
 #include "core/deformers/space_map.h"
 #include "core/mesh/elements.h"
@@ -131,6 +132,31 @@ TEST(MisfitRule, first_cells_keep_their_height_with_every_method) {
     EXPECT_GT(of.least, 0.3) << method.index();
     EXPECT_LT(of.difference, 0.02) << method.index();
   }
+}
+
+// Many points of a regular mesh are equally far from those that are centres already: rounding decides nothing.
+TEST(MisfitRule, units_do_not_matter) {
+  constexpr double unit = 1000;
+  Channel channel(56, 28, 10);
+  const deform::Setup setup = channel.setup(ffd(MisfitRule::joins));
+  const Points right = prepare(channel.mesh, setup, {})->evaluate(bumped(0.05, 0.04));
+  deform::Setup scaled = setup;
+  Channel other(56, 28, 10);
+  for (Vec3& x : other.mesh->points) x = unit * x;
+  const auto scale = [&](Region& region) {
+    auto& at = std::get<Region::InBox>(region.kind);
+    at.min = unit * at.min;
+    at.max = unit * at.max;
+  };
+  for (Handle& handle : scaled.handles) scale(handle.region);
+  for (Region& region : scaled.fixed) scale(region);
+  for (DesignVariable& variable : scaled.variables) {
+    if (auto* rotation = std::get_if<DesignVariable::Rotate>(&variable.kind)) rotation->centre = unit * rotation->centre;
+  }
+  const Points points = prepare(other.mesh, scaled, {})->evaluate(bumped(unit * 0.05, 0.04));
+  double off = 0;
+  for (std::size_t i = 0; i < points.size(); ++i) off = std::max(off, distance(points[i] / unit, right[i]));
+  EXPECT_LT(off, 1e-9);
 }
 
 // What the rule is for: with some of the points alone the first cells are inside out, and the error says so.

@@ -40,13 +40,7 @@ void add_variables(SectorModel& model) {
 SectorModel with_lattice(std::size_t count, double hub, std::uint64_t seed, const test::Frame& frame) {
   SectorModel model({count, hub, seed}, frame);
   add_variables(model);
-  FfdOptions options;
-  options.control = FfdControl::controls;
-  options.basis = BasisMode::always;
-  options.lattice.frame =
-      LatticeFrame{frame.point({-0.1, -0.3, -0.4}), {1.1 * frame.axes[0], 1.4 * frame.axes[1], 1.3 * frame.axes[2]}};
-  options.lattice.points = {5, 6, 5};
-  model.setup.method = options;
+  model.setup.method = test::sector_lattice(frame);
   model.setup.handles[0].region = {Region::LatticeRange{
       {Region::LatticeRange::Range{1, 3}, Region::LatticeRange::Range{1, 4}, Region::LatticeRange::Range{1, 3}}}};
   return model;

@@ -18,6 +18,7 @@
 #include "core/deformers/mirrored_system.h"
 #include "core/deformers/space_map.h"
 #include "core/quality/displacement_fields.h"
+#include "tests/core/deformers/compiled_deformation.h"
 #include "tests/core/deformers/estimate_bounds.h"
 #include "tests/core/deformers/shapes.h"
 #include "tests/core/deformers/wheel.h"
@@ -324,17 +325,6 @@ TEST(SectorMethods, FieldsAddUpToTheMotion) {
   }
 }
 
-compiled::Deformation compiled_sector(const std::shared_ptr<const System>& system) {
-  CompiledForm form(system);
-  form.content().geometry_id = std::string(64, 'a');
-  form.content().system_id = std::string(64, 'b');
-  compiled::Records records(form.content(),
-                            [&](std::size_t basis, std::size_t first, std::span<double> out) { form.values(basis, first, out); });
-  std::vector<std::byte> bytes, piece;
-  while (records.next(piece)) bytes.insert(bytes.end(), piece.begin(), piece.end());
-  return compiled::Deformation(compiled::read_content(bytes));
-}
-
 TEST(SectorMethods, CompiledDeformationIsTheSystem) {
   for (const std::size_t count : {2, 5}) {
     for (const double tolerance : {0.0, 1e-9}) {
@@ -345,7 +335,7 @@ TEST(SectorMethods, CompiledDeformationIsTheSystem) {
       options.basis_tolerance = tolerance;
       setup.method = options;
       const auto system = prepare(model.sector, setup);
-      const compiled::Deformation deformation = compiled_sector(system);
+      const compiled::Deformation deformation = test::compiled_deformation(system);
       const std::vector<double> at{0.1, -0.05, 0.07}, direction{0.3, 1, -0.4};
       const Points right = system->evaluate(Design{at, {}});
       std::vector<double> flat(3 * right.size());

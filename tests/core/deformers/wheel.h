@@ -277,4 +277,15 @@ struct WholeWheel {
   std::vector<std::vector<PointId>> image_of;  ///< of each sector the ids of the points
 };
 
+/// Control points around the middle of a sector, which reach into others.
+inline FfdOptions sector_lattice(const Frame& frame) {
+  FfdOptions options;
+  options.control = FfdControl::controls;
+  options.basis = BasisMode::always;
+  options.lattice.frame =
+      LatticeFrame{frame.point({-0.1, -0.3, -0.4}), {1.1 * frame.axes[0], 1.4 * frame.axes[1], 1.3 * frame.axes[2]}};
+  options.lattice.points = {5, 6, 5};
+  return options;
+}
+
 }  // namespace deform::test

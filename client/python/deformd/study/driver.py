@@ -231,7 +231,8 @@ def _outcome(spec: Spec, records: List[Dict[str, Any]]) -> List[str]:
     best = results.best_of(spec, records)
     measured = [each for each in records if not failed(each) and all(name in each["values"] for name, _, _ in spec.constraints)]
     if best is not None:
-        if best is records[0] and len(records) > 1 and len(spec.objectives) == 1:
+        searched = spec.optimizer is not None and spec.optimizer[0] in ("scipy", "nlopt")  # populations do not begin at the start itself
+        if searched and best is records[0] and len(records) > 1:
             return ["no design is better than the start, design 0"]
         return []
     if not measured:
