@@ -48,6 +48,7 @@ void RequestSplitter::set_head(v1::DeformRequest& part) const {
   part.set_solver_tolerance(request_.solver_tolerance());
   part.set_warm_start(request_.warm_start());
   part.set_failures(request_.failures());
+  part.set_intersections(request_.intersections());
 }
 
 /// Adds the next design, or the rest of it, or as much of it as there is room for.

@@ -15,7 +15,7 @@
 #include "core/base/parallel.h"
 #include "core/base/vectors.h"
 #include "core/measures/smooth_least.h"
-#include "core/measures/triangle_tree.h"
+#include "core/mesh/triangle_tree.h"
 #include "core/mesh/winding_number.h"
 
 namespace deform::measures {

@@ -10,6 +10,7 @@
 #include "core/base/vectors.h"
 #include "core/mesh/cells.h"
 #include "core/mesh/elements.h"
+#include "core/mesh/inspect.h"
 
 namespace deform::measures {
 
@@ -145,18 +146,6 @@ FaceTriangles chosen_triangles(const Mesh& mesh, const FaceChoice& choice) {
   }
   if (found.triangles.empty()) throw Error(ErrorCode::invalid_argument, "faces: the mesh has none with three corners or more");
   return found;
-}
-
-std::vector<PointId> coincident_points(std::span<const Vec3> points) {
-  std::vector<PointId> order(points.size());
-  std::iota(order.begin(), order.end(), PointId{0});
-  std::sort(order.begin(), order.end(),
-            [&](PointId s, PointId t) { return points[s] != points[t] ? points[s] < points[t] : s < t; });
-  std::vector<PointId> same(points.size());
-  for (std::size_t i = 0; i < order.size(); ++i) {
-    same[order[i]] = i > 0 && points[order[i]] == points[order[i - 1]] ? same[order[i - 1]] : order[i];
-  }
-  return same;
 }
 
 Body::Body(const Mesh& mesh, const FaceChoice& choice, Rims rims) : points_(mesh.point_count()) {

@@ -47,10 +47,6 @@ struct FaceTriangles {
 /// where they are given with FaceSource::cells, and `faces` or `cells` where the mesh has none.
 FaceTriangles chosen_triangles(const Mesh& mesh, const FaceChoice& choice);
 
-/// For each point the least id of all points with the same coordinates: readers merge nothing, so that each facet of an STL file
-/// has corners of its own.
-std::vector<PointId> coincident_points(std::span<const Vec3> points);
-
 /// The closed surface of a body, with normals that point outwards. Immutable.
 class Body {
  public:

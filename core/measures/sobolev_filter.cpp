@@ -10,6 +10,7 @@
 #include "core/base/number_text.h"
 #include "core/base/parallel.h"
 #include "core/base/vectors.h"
+#include "core/mesh/inspect.h"
 
 namespace deform::measures {
 

@@ -11,7 +11,7 @@
 #include "core/base/parallel.h"
 #include "core/base/vectors.h"
 #include "core/measures/smooth_least.h"
-#include "core/measures/triangle_tree.h"
+#include "core/mesh/triangle_tree.h"
 
 namespace deform::measures {
 

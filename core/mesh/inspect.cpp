@@ -74,16 +74,19 @@ std::size_t count_components(const Mesh& mesh, const Adjacency& adjacency) {
   return components;
 }
 
-std::size_t count_coincident(const Points& points) {
+}  // namespace
+
+std::vector<PointId> coincident_points(std::span<const Vec3> points) {
   std::vector<PointId> order(points.size());
   std::iota(order.begin(), order.end(), PointId{0});
-  std::sort(order.begin(), order.end(), [&](PointId a, PointId b) { return points[a] < points[b]; });
-  std::size_t count = 0;
-  for (std::size_t i = 1; i < order.size(); ++i) count += points[order[i]] == points[order[i - 1]];
-  return count;
+  std::sort(order.begin(), order.end(),
+            [&](PointId s, PointId t) { return points[s] != points[t] ? points[s] < points[t] : s < t; });
+  std::vector<PointId> same(points.size());
+  for (std::size_t i = 0; i < order.size(); ++i) {
+    same[order[i]] = i > 0 && points[order[i]] == points[order[i - 1]] ? same[order[i - 1]] : order[i];
+  }
+  return same;
 }
-
-}  // namespace
 
 std::vector<std::size_t> group_point_counts(const Mesh& mesh) {
   std::vector<std::size_t> counts;
@@ -130,7 +133,8 @@ MeshReport inspect(const Mesh& mesh) {
     report.isolated_points += isolated;
     report.non_manifold_points += non_manifold[i] && !isolated;
   }
-  report.coincident_points = count_coincident(mesh.points);
+  const std::vector<PointId> same = coincident_points(mesh.points);
+  for (std::size_t i = 0; i < same.size(); ++i) report.coincident_points += same[i] != i;
   const auto group_points = group_point_counts(mesh);
   for (std::size_t g = 0; g < mesh.groups.size(); ++g) {
     report.groups.push_back({mesh.groups[g].name, group_points[g], mesh.groups[g].faces.size()});

@@ -35,6 +35,10 @@ double least_area(std::span<const Vec3> points, std::span<const PointId> corners
 
 MeshReport inspect(const Mesh& mesh);
 
+/// For each point the least id of all points with the same coordinates: readers merge nothing, so that each facet of an STL file
+/// has corners of its own.
+std::vector<PointId> coincident_points(std::span<const Vec3> points);
+
 /// For each group of the mesh, the number of points that a region of this group selects: its points and those of its faces, each
 /// counted once.
 std::vector<std::size_t> group_point_counts(const Mesh& mesh);

@@ -76,6 +76,12 @@ std::vector<QualityRow> rows_of(const ElementMeasures& q, const std::string& nam
   return rows;
 }
 
+std::vector<std::size_t> ids_of(std::span<const IntersectingFace> faces) {
+  std::vector<std::size_t> ids;
+  for (const IntersectingFace& face : faces) ids.push_back(face.face);
+  return ids;
+}
+
 }  // namespace
 
 const QualityRow* QualityReport::find(const std::string& name) const {
@@ -255,6 +261,24 @@ void add_flipped(QualityReport& report, const Mesh& mesh, std::span<const Extrem
   }
   report.lists.emplace_back("flipped", std::move(ids));
   report.worst.insert(report.worst.begin(), std::move(list));
+}
+
+void add_intersecting(QualityReport& report, const Mesh& mesh, std::span<const IntersectingFace> faces) {
+  report.rows.push_back(row("intersecting_faces", "faces that intersect or touch others", faces.size(), Better::lower));
+  WorstList list{"Faces that intersect others, the first", "face", {}};
+  const auto offsets = mesh.face_offsets();
+  const auto listed = faces.first(std::min(faces.size(), most_listed));
+  for (const IntersectingFace& face : listed) {
+    const auto corners = std::span(mesh.face_points).subspan(offsets[face.face], mesh.face_sizes[face.face]);
+    list.entries.push_back({face.face, std::nullopt, mean_of(mesh.points, corners)});
+  }
+  report.lists.emplace_back("intersecting", ids_of(listed));
+  if (!listed.empty()) report.worst.push_back(std::move(list));
+}
+
+void add_newly_intersecting(QualityReport& report, std::span<const IntersectingFace> faces) {
+  report.rows.push_back(row("newly_intersecting_faces", "faces that ran into others", faces.size(), Better::lower));
+  report.lists.emplace_back("newly_intersecting", ids_of(faces.first(std::min(faces.size(), most_listed))));
 }
 
 }  // namespace deform

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "core/quality/element_quality.h"
+#include "core/quality/face_intersections.h"
 #include "core/quality/plane_quality.h"
 #include "core/quality/polyhedral_quality.h"
 #include "core/quality/region_jumps.h"
@@ -74,5 +75,9 @@ void add_to(QualityReport& report, const JumpGrowth& growth);
 void add_displacement(QualityReport& report, std::span<const Vec3> points, std::span<const Vec3> original);
 /// Adds the flipped faces, as listed by flipped_faces(): their number, and the worst with their positions.
 void add_flipped(QualityReport& report, const Mesh& mesh, std::span<const Extreme> flipped);
+/// Adds the faces that intersect others: their number, and the first with their positions.
+void add_intersecting(QualityReport& report, const Mesh& mesh, std::span<const IntersectingFace> faces);
+/// Adds the number of those that do so since a deformation, of IntersectionCheck::appeared(), and their ids.
+void add_newly_intersecting(QualityReport& report, std::span<const IntersectingFace> faces);
 
 }  // namespace deform

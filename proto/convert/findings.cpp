@@ -6,6 +6,12 @@
 
 namespace deform::convert {
 
+namespace {
+
+constexpr std::size_t most_listed = 100;  // ids
+
+}  // namespace
+
 v1::CellReport cell_report(const InversionCheck& check, const SafeAmplitude& safety) {
   v1::CellReport report;
   report.set_cells(check.cell_count());
@@ -23,7 +29,6 @@ v1::CellReport cell_report(const InversionCheck& check, const SafeAmplitude& saf
 }
 
 v1::FaceReport face_report(std::size_t faces, const std::vector<Extreme>& flipped) {
-  constexpr std::size_t most_listed = 100;
   v1::FaceReport report;
   report.set_faces(faces);
   report.set_flipped(flipped.size());
@@ -31,6 +36,16 @@ v1::FaceReport face_report(std::size_t faces, const std::vector<Extreme>& flippe
     report.add_flipped_ids(static_cast<std::uint32_t>(flipped[k].id));
   }
   return report;
+}
+
+void set_intersecting(v1::FaceReport& report, const std::vector<IntersectingFace>& faces) {
+  report.set_intersecting(faces.size());
+  for (std::size_t k = 0; k < std::min(faces.size(), most_listed); ++k) report.add_intersecting_ids(faces[k].face);
+}
+
+std::string intersecting_faces_warning(const v1::FaceReport& faces) {
+  return std::to_string(faces.intersecting()) + " of " + std::to_string(faces.faces()) +
+         " faces ran into others, the first is face " + std::to_string(faces.intersecting_ids(0));
 }
 
 std::string flipped_faces_warning(const v1::FaceReport& faces) {

@@ -122,6 +122,10 @@ void judge_mesh(const SolutionFacts& facts, const v1::DesignResult& result, std:
     found.emplace_back(v1::VERDICT_DOUBTFUL, std::to_string(result.faces().flipped()) + " of " +
                                                  std::to_string(result.faces().faces()) + " faces are flipped");
   }
+  if (result.faces().intersecting() > 0) {
+    found.emplace_back(v1::VERDICT_DOUBTFUL, std::to_string(result.faces().intersecting()) + " of " +
+                                                 std::to_string(result.faces().faces()) + " faces ran into others");
+  }
   if (facts.torn_edges > 0) {
     found.emplace_back(v1::VERDICT_DOUBTFUL, std::to_string(facts.torn_edges) + " edges are torn at the boundary of the lattice");
   }

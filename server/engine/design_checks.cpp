@@ -53,21 +53,10 @@ std::shared_ptr<const InversionCheck> CellCheckCache::get(const Mesh& mesh, cons
   return check_;
 }
 
-std::shared_ptr<const FlipCheck> FaceCheckCache::get(const Mesh& mesh, MemoryBudget& budget, const RunContext& context) const {
-  const std::lock_guard lock(mutex_);
-  if (!check_) {
-    Charge charge = budget.charge(FlipCheck::bytes_for(mesh),
-                                  {"checking the faces", "set check: CELL_CHECK_OFF, or raise the server's memory budget", 0});
-    check_ = std::make_shared<const FlipCheck>(mesh, mesh.points, context);
-    charge_ = std::move(charge);
-    charge_.shrink(check_->bytes());
-  }
-  return check_;
-}
-
 DesignChecks DesignChecks::from_proto(const v1::DeformRequest& request) {
   DesignChecks checks;
   if (convert::known(request.check(), "check") != v1::CELL_CHECK_DEFAULT) checks.check = request.check();
+  checks.intersections = request.intersections() && checks.check != v1::CELL_CHECK_OFF;
   const v1::Splitting& splitting = request.splitting();
   if (convert::known(splitting.mode(), "splitting.mode") == v1::SPLIT_OFF) return checks;
   SplitOptions options;
@@ -86,6 +75,7 @@ void DesignChecker::Findings::move_to(v1::DesignResult& result) {
   if (split) *result.mutable_split() = std::move(*split);
   if (!faces) return;
   if (faces->flipped() > 0) result.add_warnings(convert::flipped_faces_warning(*faces));
+  if (faces->intersecting() > 0) result.add_warnings(convert::intersecting_faces_warning(*faces));
   *result.mutable_faces() = std::move(*faces);
 }
 
@@ -104,7 +94,8 @@ std::unique_ptr<const DesignChecker> DesignChecker::make(std::shared_ptr<const R
   std::unique_ptr<DesignChecker> checker(new DesignChecker);
   checker->checks_ = checks;
   checker->cells_ = cells;
-  if (faces) checker->flips_ = system->face_check.get(mesh, budget, context);
+  if (faces) checker->flips_ = system->flip_check.get(mesh, budget, context);
+  if (faces && checks.intersections) checker->intersections_ = system->intersection_check.get(mesh, budget, context);
   std::size_t bytes = 0;
   if (cells || quality) bytes += checker->check_faces_bytes();
   // A 2D mesh has to be seen to stay in its plane, for which its points are read anyway.
@@ -146,7 +137,9 @@ DesignChecker::Findings DesignChecker::check(std::size_t design, const std::opti
 
 std::optional<v1::FaceReport> DesignChecker::check_faces(std::span<const Vec3> points, const RunContext& context) const {
   if (!flips_) return std::nullopt;
-  return convert::face_report(flips_->face_count(), flips_->flipped(points, context));
+  v1::FaceReport report = convert::face_report(flips_->face_count(), flips_->flipped(points, context));
+  if (intersections_) convert::set_intersecting(report, intersections_->appeared(points, context));
+  return report;
 }
 
 void DesignChecker::split(std::size_t design, Points& points, const SafeAmplitude& safety, Findings& findings,
@@ -191,6 +184,7 @@ v1::QualityReport DesignChecker::quality(const Points& points) const {
   surface.face_sizes = mesh.face_sizes;
   surface.face_points = mesh.face_points;
   QualityReport report = quality_report(surface_quality(surface), surface);
+  if (intersections_) add_intersecting(report, surface, intersections_->at(points));
   if (cells_ && in_plane(points)) add_to(report, plane_quality(points, mesh, left_handed()), points, mesh);
   return convert::quality_to_proto(report);
 }

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "core/deformers/splitting.h"
+#include "core/quality/face_intersections.h"
 #include "core/quality/flipped_faces.h"
 #include "core/quality/safe_amplitude.h"
 #include "deform/v1/deformation.pb.h"
@@ -34,22 +35,34 @@ class CellCheckCache {
   mutable Charge charge_;
 };
 
-/// The same for the faces of a system's mesh. Thread-safe.
+/// The same for a check of the faces of a system's mesh. Thread-safe.
+template <typename Check>
 class FaceCheckCache {
  public:
   /// Throws Error(out_of_budget), cancelled, deadline_exceeded.
-  std::shared_ptr<const FlipCheck> get(const Mesh& mesh, MemoryBudget& budget, const RunContext& context) const;
+  std::shared_ptr<const Check> get(const Mesh& mesh, MemoryBudget& budget, const RunContext& context) const {
+    const std::lock_guard lock(mutex_);
+    if (!check_) {
+      Charge charge = budget.charge(Check::bytes_for(mesh),
+                                    {"checking the faces", "set check: CELL_CHECK_OFF, or raise the server's memory budget", 0});
+      check_ = std::make_shared<const Check>(mesh, mesh.points, context);
+      charge_ = std::move(charge);
+      charge_.shrink(check_->bytes());
+    }
+    return check_;
+  }
 
  private:
   mutable std::mutex mutex_;
   // guarded by mutex_
-  mutable std::shared_ptr<const FlipCheck> check_;
+  mutable std::shared_ptr<const Check> check_;
   mutable Charge charge_;
 };
 
 /// What a request wants to know or have of each of its designs as a whole.
 struct DesignChecks {
   v1::CellCheck check = v1::SAFE_AMPLITUDE;
+  bool intersections = false;
   std::optional<SplitOptions> splitting;
 
   /// Throws Error(invalid_argument) naming the field.
@@ -82,7 +95,9 @@ class DesignChecker {
   Findings check(std::size_t design, const std::optional<FieldMotion>& motion, Points& points, const RunContext& context) const;
   /// points: n x 3, as they are delivered. Absent: there are no faces, or they are not to be looked at.
   std::optional<v1::FaceReport> check_faces(std::span<const Vec3> points, const RunContext& context) const;
-  std::size_t check_faces_bytes() const { return flips_ ? flips_->call_bytes() : 0; }
+  std::size_t check_faces_bytes() const {
+    return (flips_ ? flips_->call_bytes() : 0) + (intersections_ ? intersections_->call_bytes() : 0);
+  }
 
  private:
   DesignChecker() = default;
@@ -95,8 +110,9 @@ class DesignChecker {
   std::shared_ptr<const ResidentSystem> system_;
   DesignChecks checks_;
   std::optional<CellSet> cells_;
-  std::shared_ptr<const InversionCheck> inversions_;  ///< null: there are no cells
-  std::shared_ptr<const FlipCheck> flips_;            ///< null: there are no faces, or they are not to be looked at
+  std::shared_ptr<const InversionCheck> inversions_;        ///< null: there are no cells
+  std::shared_ptr<const FlipCheck> flips_;                  ///< null: there are no faces, or they are not to be looked at
+  std::shared_ptr<const IntersectionCheck> intersections_;  ///< null: not asked for, or like flips_
   std::vector<Design> designs_;
   Charge charge_;
 };

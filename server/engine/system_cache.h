@@ -43,7 +43,8 @@ struct ResidentSystem {
   std::size_t setup_bytes = 0;  ///< of a large setup, as it is kept
   Charge charge;                ///< of bytes(); the mesh has its own
   CellCheckCache cell_check;
-  FaceCheckCache face_check;
+  FaceCheckCache<FlipCheck> flip_check;
+  FaceCheckCache<IntersectionCheck> intersection_check;
 
   std::size_t bytes() const { return system->bytes() + setup_bytes; }
   /// The cost of one design for Scheduler::start(), in points.

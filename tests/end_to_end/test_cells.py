@@ -4,7 +4,7 @@
 import json
 import math
 
-from harness import EndToEnd, main
+from harness import EndToEnd, main, read_bytes
 
 N = 24
 
@@ -69,6 +69,17 @@ variables:
   - {name: roof_up,    handle: roof,  translate: [0, 0, 1], lower: -0.05, upper: 0.05}
   - {name: slant_turn, handle: slant, rotate: {axis: [0, 1, 0], centre: [0, 0, 0.3]}, lower: -0.2, upper: 0.2}
 """
+
+
+def two_sheets(side=8):
+    """A level sheet and over it a sloping one, which do not touch: z = 0 and z = 0.1 + 0.4 x."""
+    lines, faces = [], {}
+    for sheet, (base, slope) in {"level": (0, 0), "sloping": (0.1, 0.4)}.items():
+        first = len(lines) + 1
+        lines += [f"v {i / side} {j / side} {base + slope * i / side}" for j in range(side + 1) for i in range(side + 1)]
+        at = [first + i + (side + 1) * j for j in range(side) for i in range(side)]
+        faces[sheet] = [f"f {a} {a + 1} {a + side + 2} {a + side + 1}" for a in at]
+    return "\n".join(lines + [line for sheet, of in faces.items() for line in [f"g {sheet}", *of]]) + "\n"
 
 
 class Cells(EndToEnd):
@@ -230,6 +241,47 @@ class Cells(EndToEnd):
         reply = self.deform("apply", "ahmed.yaml", "--set", "up=0.01", "-o", "out.obj", "--json").json["report"]
         self.assertNotIn("cells", reply)
         self.fails(1, "apply", "ahmed.yaml", "--set", "up=0.01", "--split", "uniform", "-o", "out.obj", says=["splitting", "no cells"])
+
+    def test_faces_that_run_into_each_other(self):
+        self.write("sheets.obj", two_sheets())
+        self.write("sheets.yaml", "geometry: sheets.obj\nhandles: [{name: sloping, region: {group: sloping}}]\n"
+                                  "fixed: [{group: level}]\nvariables: [{name: up, handle: sloping, translate: [0, 0, 1]}]\n")
+        apply = ("apply", "sheets.yaml", "-o", "out.obj", "--json", "--set")
+        report = self.deform(*apply, "up=-0.05").json["report"]
+        self.assertEqual((report["verdict"], report["newly_intersecting_faces"], report["newly_intersecting"]), ("good", 0, []))
+        # At z = 0.4 x - 0.15 they cross in the third and fourth columns, x = 0.375, in their common edges.
+        reply = self.deform(*apply, "up=-0.25")
+        report = reply.json["report"]
+        crossing = [side * 64 + 8 * row + column for side in (0, 1) for row in range(8) for column in (2, 3)]
+        self.assertEqual((report["verdict"], report["newly_intersecting_faces"]), ("doubtful", 32))
+        self.assertEqual(report["newly_intersecting"], crossing)
+        self.assertEqual(report["flipped_faces"], 0)
+        self.assertIn("32 of 128 faces ran into others", report["reasons"])
+        self.assertIn("32 of 128 faces ran into others, the first is face 2", reply.err)
+        self.assertIn("32 of 128 faces ran into others: 2, 3, 10", self.deform(*apply[:-2], "--set", "up=-0.25").out)
+        self.assertIn("none of 128 faces flipped or ran into another", self.deform(*apply[:-2], "--set", "up=0.05").out)
+        gate = ("--fail-on", "newly_intersecting_faces>0")
+        self.fails(4, *apply, "up=-0.25", *gate, says=["newly_intersecting_faces>0: it is 32"], prints=True)
+        self.deform(*apply, "up=-0.05", *gate)
+        self.assertNotIn("newly_intersecting_faces", self.deform(*apply, "up=-0.25", "--check", "amplitude").json["report"])
+        self.fails(4, *apply, "up=-0.25", "--check", "amplitude", *gate, says=["it is 32"], prints=True)
+        self.fails(4, *apply, "up=-0.25", "--check", "off", *gate, says=["it was not measured"], prints=True)
+        # Compiled, in sweeps and between files the same.
+        self.deform("compile", "sheets.yaml", "-o", "sheets.deformation")
+        compiled = self.deform("apply", "sheets.deformation", "-o", "other.obj", "--json", "--set", "up=-0.25").json["report"]
+        self.assertEqual(compiled["newly_intersecting"], crossing)
+        self.assertEqual(compiled["verdict"], "doubtful")
+        self.write("designs.csv", "up\n-0.05\n-0.25\n")
+        self.fails(4, "sweep", "sheets.yaml", "--designs", "designs.csv", "-o", "swept", *gate, says=["it is 32"], prints=True)
+        quality = self.deform("quality", "out.obj", "--before", "sheets.obj", "--json").json
+        self.assertEqual((quality["intersecting_faces"], quality["newly_intersecting_faces"]), (32, 32))
+        self.assertEqual((quality["intersecting"], quality["newly_intersecting"]), (crossing, crossing))
+        self.assertEqual(quality["before"]["intersecting_faces"], 0)
+        # Without the mesh before, points at one place are one: here the sheets share their common line.
+        self.assertEqual(self.deform("quality", "out.obj", "--json").json["intersecting_faces"], 0)
+        self.fails(4, "quality", "out.obj", "--before", "sheets.obj", "--fail-on", "intersecting_faces>0", "--html", "out.html", says=["it is 32"], prints=True)
+        self.assertIn("Faces that intersect others", read_bytes(self.path("out.html")).decode())
+        self.fails(2, "quality", "out.obj", *gate, says=["newly_intersecting_faces is measured with --before"])
 
     def test_a_wrecked_body_is_not_delivered_without_a_word(self):
         """The example of version 0.1: the side walls of the body fold over its roof."""

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // What is said about the displacements and the faces of every design.
 #include "core/quality/displacement.h"
+#include "core/quality/face_intersections.h"
 #include "core/quality/flipped_faces.h"
 #include "server/engine/step_plan.h"
 #include "tests/server/engine_fixture.h"
@@ -74,6 +75,48 @@ TEST_F(EngineFaces, LookingAtThemChangesNoPointAndCanBeSwitchedOff) {
     EXPECT_FALSE(plain.results[k].has_faces());
     EXPECT_EQ(plain.results[k].max_displacement(), looked.results[k].max_displacement());
     EXPECT_EQ(plain.results[k].checksum(), looked.results[k].checksum());
+  }
+}
+
+TEST_F(EngineFaces, SaysWhichFacesRanIntoOthersWhereItIsAsked) {
+  const auto system = prepare_sheet();
+  auto request = request_for(system.id(), many_designs());
+  for (const v1::DesignResult& result : deform(request).results) EXPECT_FALSE(result.faces().has_intersecting());
+  request.set_intersections(true);
+  const auto deformed = deform(request);
+  const IntersectionCheck check(mesh, mesh.points);
+  std::size_t with = 0;
+  for (std::size_t k = 0; k < deformed.results.size(); ++k) {
+    const v1::DesignResult& result = deformed.results[k];
+    const auto faces = check.appeared(deformed.points[k]);
+    ASSERT_TRUE(result.faces().has_intersecting());
+    ASSERT_EQ(result.faces().intersecting(), faces.size()) << k;
+    ASSERT_EQ(static_cast<std::size_t>(result.faces().intersecting_ids_size()), std::min<std::size_t>(100, faces.size()));
+    for (int i = 0; i < result.faces().intersecting_ids_size(); ++i) {
+      EXPECT_EQ(result.faces().intersecting_ids(i), faces[static_cast<std::size_t>(i)].face);
+    }
+    if (faces.empty()) continue;
+    ++with;
+    EXPECT_NE(result.verdict(), v1::VERDICT_GOOD);
+    const std::string count =
+        std::to_string(faces.size()) + " of " + std::to_string(mesh.face_count()) + " faces ran into others";
+    EXPECT_THAT(result.reasons(), testing::Contains(count));
+    EXPECT_THAT(result.warnings(),
+                testing::Contains(testing::HasSubstr(count + ", the first is face " + std::to_string(faces[0].face))));
+  }
+  EXPECT_GT(with, 2u);
+  EXPECT_LT(with, 32u);
+  request.set_check(v1::CELL_CHECK_OFF);
+  for (const v1::DesignResult& result : deform(request).results) EXPECT_FALSE(result.has_faces());
+  // Among the measures, all that intersect others.
+  request.set_check(v1::CELL_QUALITY);
+  const auto measured = deform(request);
+  for (std::size_t k = 0; k < measured.results.size(); ++k) {
+    const auto& measures = measured.results[k].quality().measures();
+    const auto row =
+        std::find_if(measures.begin(), measures.end(), [](const auto& m) { return m.name() == "intersecting_faces"; });
+    ASSERT_NE(row, measures.end());
+    EXPECT_EQ(row->value(), static_cast<double>(check.at(measured.points[k]).size()));
   }
 }
 

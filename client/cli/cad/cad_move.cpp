@@ -251,6 +251,7 @@ void add_cad_move_command(CLI::App& app, const CommonOptions& common, Action& ch
       ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
   command->add_flag("--keep-bad", options->apply.keep_bad, "Write bad designs, too; the exit code stays 4");
+  options->apply.cells.check = "intersections";
   options->apply.cells.add_to(*command);
   options->apply.gates.add_to(*command);
   command->footer(cad_move_footer);

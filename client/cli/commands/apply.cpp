@@ -132,8 +132,10 @@ ExitCode run_compiled_apply(ApplyOptions options, const CommonOptions& common) {
   Applied applied;
   applied.file = output.string();
   applied.points = points.size();
-  applied.result = compiled_result(deformation, setup, values, mesh, points,
-                                   options.cells.check == "off" ? CompiledCheck::none : CompiledCheck::inversions);
+  const CompiledCheck check = options.cells.check == "off"              ? CompiledCheck::none
+                              : options.cells.looks_for_intersections() ? CompiledCheck::intersections
+                                                                        : CompiledCheck::inversions;
+  applied.result = compiled_result(deformation, setup, values, mesh, points, check);
   applied.encoding = "none";
   applied.method = setup.method();
   applied.notes = content.notes;
@@ -230,6 +232,7 @@ void add_apply_command(CLI::App& app, const CommonOptions& common, Action& chose
       ->transform(CLI::IsMember({"automatic", "basis", "direct"}, CLI::ignore_case))
       ->capture_default_str();
   options->encoding.add_to(*command);
+  options->cells.check = "intersections";
   options->cells.add_to(*command);
   options->gates.add_to(*command);
   command->footer(std::string("Motion files: ") + motion_formats +
@@ -243,6 +246,7 @@ void add_apply_command(CLI::App& app, const CommonOptions& common, Action& chose
                   "  deform apply setup.yaml --motions matrices.csv -o out.obj --json\n"
                   "  deform apply car.deformation --set roof_up=0.03 -o out.obj");
   command->callback([options, &common, &chosen] {
+    if (options->gates.need_intersections()) options->cells.look_for_intersections();
     chosen = [options, &common] {
       return is_compiled_file(options->input.setup) ? run_compiled_apply(*options, common)
                                                     : finish_apply(apply_by_server(*options, common), common);

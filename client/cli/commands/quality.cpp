@@ -34,7 +34,7 @@ std::string missing_option(const std::string& measure, const ComparisonInput& in
   const auto is = [&](std::initializer_list<const char*> names) {
     return std::any_of(names.begin(), names.end(), [&](const char* name) { return measure == name; });
   };
-  if (input.before.empty() && is({"flipped_faces", "displacement"})) {
+  if (input.before.empty() && is({"flipped_faces", "newly_intersecting_faces", "displacement"})) {
     return "--before, the undeformed mesh: it compares the two";
   }
   if (input.walls.empty() && measure.find("wall_") != std::string::npos) return "--wall, the group of its faces";

@@ -431,7 +431,10 @@ void add_sweep_command(CLI::App& app, const CommonOptions& common, Action& chose
   options->encoding.add_to(*command);
   options->cells.add_to(*command);
   command->footer(sweep_footer);
-  command->callback([options, &common, &chosen] { chosen = [options, &common] { return run_sweep(*options, common); }; });
+  command->callback([options, &common, &chosen] {
+    if (options->gates.need_intersections()) options->cells.look_for_intersections();
+    chosen = [options, &common] { return run_sweep(*options, common); };
+  });
 }
 
 }  // namespace deform::cli

@@ -18,8 +18,9 @@ void CellOptions::add_to(CLI::App& command) {
       .add_option(
           "--check", check,
           "What to find out about the faces and the cells of a volume or 2D mesh: off, amplitude (which faces flipped, which "
-          "cells are inverted, and how far along the motion none is), quality (that, and all measures)")
-      ->transform(CLI::IsMember({"off", "amplitude", "quality"}, CLI::ignore_case))
+          "cells are inverted, and how far along the motion none is), intersections (that, and which faces ran into others), "
+          "quality (that, and all measures)")
+      ->transform(CLI::IsMember({"off", "amplitude", "intersections", "quality"}, CLI::ignore_case))
       ->capture_default_str();
   command
       .add_option("--split", split,
@@ -40,6 +41,7 @@ void CellOptions::add_to(CLI::App& command) {
 
 void CellOptions::set(v1::DeformRequest& request) const {
   request.set_check(check == "off" ? v1::CELL_CHECK_OFF : check == "quality" ? v1::CELL_QUALITY : v1::SAFE_AMPLITUDE);
+  request.set_intersections(looks_for_intersections());
   if (split == "off") return;
   request.mutable_splitting()->set_mode(split == "adaptive" ? v1::SPLIT_ADAPTIVE : v1::SPLIT_UNIFORM);
   request.mutable_splitting()->set_most_steps(most_steps);
@@ -57,6 +59,11 @@ void add_findings(const v1::DesignResult& result, nlohmann::ordered_json& json) 
     json["faces"] = result.faces().faces();
     json["flipped_faces"] = result.faces().flipped();
     json["flipped"] = std::vector<std::uint32_t>(result.faces().flipped_ids().begin(), result.faces().flipped_ids().end());
+    if (result.faces().has_intersecting()) {
+      json["newly_intersecting_faces"] = result.faces().intersecting();
+      json["newly_intersecting"] =
+          std::vector<std::uint32_t>(result.faces().intersecting_ids().begin(), result.faces().intersecting_ids().end());
+    }
   }
   if (result.has_cells()) json["cells"] = to_json(result.cells());
   if (result.has_quality()) json["quality"] = to_json(result.quality());
@@ -85,12 +92,17 @@ std::string first_ids(const Ids& ids, std::uint64_t all) {
 }
 
 void print_faces(const v1::FaceReport& faces, std::ostream& out) {
+  const bool both = faces.has_intersecting() && faces.intersecting() == 0;
   if (faces.flipped() == 0) {
-    out << "  none of " << faces.faces() << " faces flipped\n";
-    return;
+    out << "  none of " << faces.faces() << " faces flipped" << (both ? " or ran into another\n" : "\n");
+  } else {
+    out << "  " << faces.flipped() << " of " << faces.faces()
+        << " faces flipped:" << first_ids(faces.flipped_ids(), faces.flipped()) << ", worst first\n";
   }
-  out << "  " << faces.flipped() << " of " << faces.faces()
-      << " faces flipped:" << first_ids(faces.flipped_ids(), faces.flipped()) << ", worst first\n";
+  if (faces.intersecting() > 0) {
+    out << "  " << faces.intersecting() << " of " << faces.faces()
+        << " faces ran into others:" << first_ids(faces.intersecting_ids(), faces.intersecting()) << '\n';
+  }
 }
 
 /// `cells` are those of the whole motion in one step, also where the design was made in several.

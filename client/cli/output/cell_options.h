@@ -20,6 +20,11 @@ struct CellOptions {
 
   void add_to(CLI::App& command);
   void set(v1::DeformRequest& request) const;
+  bool looks_for_intersections() const { return check == "intersections" || check == "quality"; }
+  /// Looks for what a gate is about, unless nothing is looked at.
+  void look_for_intersections() {
+    if (check == "amplitude") check = "intersections";
+  }
   /// What of it determines the points of a result; empty without splitting.
   std::string identity() const;
 };

@@ -2,6 +2,7 @@
 #include "client/cli/output/compiled_result.h"
 
 #include "core/quality/displacement.h"
+#include "core/quality/face_intersections.h"
 #include "core/quality/flipped_faces.h"
 #include "core/quality/safe_amplitude.h"
 #include "proto/convert/findings.h"
@@ -34,7 +35,7 @@ v1::DesignResult compiled_result(const compiled::Deformation& deformation, const
   if (const auto warning = displacement_warning(largest, report.prescribed_displacement, content.diagonal, method.overshoot)) {
     result.add_warnings(*warning);
   }
-  const bool looked_at = check == CompiledCheck::inversions;
+  const bool looked_at = check != CompiledCheck::none;
   if (const auto cells = cell_set(mesh); looked_at && cells) {
     // A 2D mesh has its faces as cells as long as it stays in its plane.
     if (!std::holds_alternative<const Mesh*>(*cells) || in_one_plane(points)) {
@@ -47,6 +48,10 @@ v1::DesignResult compiled_result(const compiled::Deformation& deformation, const
     v1::FaceReport& faces = *result.mutable_faces();
     faces = convert::face_report(flips.face_count(), flips.flipped(points));
     if (faces.flipped() > 0) result.add_warnings(convert::flipped_faces_warning(faces));
+    if (check == CompiledCheck::intersections) {
+      convert::set_intersecting(faces, IntersectionCheck(mesh, mesh.points).appeared(points));
+      if (faces.intersecting() > 0) result.add_warnings(convert::intersecting_faces_warning(faces));
+    }
   }
   const double misfit =
       directly_manipulates(setup) ? deformation.largest_misfit(variables, std::span(points[0].data(), 3 * points.size())) : 0;

@@ -11,7 +11,7 @@
 namespace deform::cli {
 
 /// Which faces and cells of a result are looked at.
-enum class CompiledCheck { none, inversions };
+enum class CompiledCheck { none, inversions, intersections };  // each with those before it
 
 /// What the server would say about a design, without its warnings that come from the method. points: n x 3, as they were
 /// evaluated. setup: that was compiled.

@@ -16,6 +16,7 @@ namespace {
 using Measured = std::optional<double>;
 
 constexpr char missed_alone[] = "missed";
+constexpr char newly_intersecting[] = "newly_intersecting_faces";
 
 Measured missed(const v1::DesignResult& result) {
   const auto& constraints = result.constraints();
@@ -54,6 +55,10 @@ constexpr Measure measures[] = {
     {"flipped_faces",
      [](const v1::DesignResult& result) {
        return result.has_faces() ? Measured(static_cast<double>(result.faces().flipped())) : std::nullopt;
+     }},
+    {newly_intersecting,
+     [](const v1::DesignResult& result) {
+       return result.faces().has_intersecting() ? Measured(static_cast<double>(result.faces().intersecting())) : std::nullopt;
      }},
     {"inverted_cells", inverted_cells},
     {"inverted_at_rest",
@@ -125,6 +130,10 @@ void DesignGates::add_to(CLI::App& command) {
       command, gates_,
       "Exit code 4 when NAME>NUMBER or NAME<NUMBER holds for a design, or missed alone; may be repeated. Names: " + all_names(),
       [](const Gate& gate) { find_measure(gate.name, "--fail-on " + gate.text + ": "); });
+}
+
+bool DesignGates::need_intersections() const {
+  return std::any_of(gates_.begin(), gates_.end(), [](const Gate& gate) { return gate.name == newly_intersecting; });
 }
 
 std::vector<FailedGate> DesignGates::failed(const v1::DesignResult& result) const {

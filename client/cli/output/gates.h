@@ -49,6 +49,8 @@ class DesignGates {
 
   bool empty() const { return gates_.empty(); }
   const std::vector<Gate>& gates() const { return gates_; }
+  /// Whether one of them is about faces that run into each other, which are not looked for otherwise.
+  bool need_intersections() const;
   /// In the order of the command line.
   std::vector<FailedGate> failed(const v1::DesignResult& result) const;
 

@@ -10,6 +10,7 @@
 #include "client/cli/setup/region_points.h"
 #include "core/base/error.h"
 #include "core/base/number_text.h"
+#include "core/quality/face_intersections.h"
 #include "core/quality/flipped_faces.h"
 #include "core/quality/safe_amplitude.h"
 
@@ -118,7 +119,9 @@ void add_comparison(Comparison& comparison) {
     return;
   }
   add_displacement(after.report, after.mesh().points, before.mesh().points);
-  if (after.mesh().face_count() > 0) add_flipped(after.report, after.mesh(), flipped_faces(after.mesh(), before.mesh().points));
+  if (after.mesh().face_count() == 0) return;
+  add_flipped(after.report, after.mesh(), flipped_faces(after.mesh(), before.mesh().points));
+  add_newly_intersecting(after.report, IntersectionCheck(before.mesh(), before.mesh().points).appeared(after.mesh().points));
 }
 
 }  // namespace
@@ -146,6 +149,8 @@ MeasuredMesh measured_mesh(const std::string& path, const std::vector<std::strin
     }
     result.surface = surface_quality(result.mesh());
     result.report = quality_report(*result.surface, result.mesh());
+    const IntersectionCheck intersections(result.mesh(), same ? rest->points : points);
+    add_intersecting(result.report, result.mesh(), intersections.at(points));
     if (cell_set(result.mesh())) {
       result.plane = plane_quality(points, result.mesh(), left_handed);
       add_to(result.report, *result.plane, points, result.mesh());

@@ -30,7 +30,8 @@ struct MeasuredMesh {
 };
 
 /// Reads and measures, with the first layer on the walls, which are groups of faces. Left-handed are the cells that are so at the
-/// points of `rest`, which are those of the mesh itself when it is null or has not as many. Throws Error(invalid_argument) when
+/// points of `rest`, and one corner those that are at one place there; these are the points of the mesh itself when it is null or
+/// another mesh. Throws Error(invalid_argument) when
 /// there is no such group, or walls are asked of a surface.
 MeasuredMesh measured_mesh(const std::string& path, const std::vector<std::string>& walls, const io::ReadOptions& reading = {},
                            const Mesh* rest = nullptr);
@@ -50,8 +51,8 @@ struct ComparisonInput {
   io::ReadOptions reading{};
 };
 
-/// Measures, and adds displacement, flipped faces and the jumps at the borders of regions. The regions are selected on the
-/// original where the points are the same: a box means what it holds before the deformation.
+/// Measures, and adds displacement, flipped faces, faces that ran into others and the jumps at the borders of regions. The
+/// regions are selected on the original where the points are the same: a box means what it holds before the deformation.
 Comparison compare(const ComparisonInput& input);
 
 }  // namespace deform::cli

@@ -276,7 +276,7 @@ class System(DesignSpace):
         splitting = given.pop("splitting", None)
         if splitting is not None:
             request["splitting"] = {"mode": splitting} if isinstance(splitting, str) else dict(splitting)
-        for name in ("check", "path", "solver_tolerance", "warm_start"):
+        for name in ("check", "intersections", "path", "solver_tolerance", "warm_start"):
             if name in given:
                 request[name] = given.pop(name)
         if given:

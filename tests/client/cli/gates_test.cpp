@@ -94,7 +94,8 @@ TEST(Gates, WithUnknownNamesAreErrorsOfUsageThatListTheNames) {
     failures({"flipped_face>0"}, good_result());
     FAIL() << "taken";
   } catch (const CLI::ValidationError& error) {
-    EXPECT_NE(std::string(error.what()).find("flipped_faces, inverted_cells"), std::string::npos) << error.what();
+    EXPECT_NE(std::string(error.what()).find("flipped_faces, newly_intersecting_faces, inverted_cells"), std::string::npos)
+        << error.what();
     EXPECT_NE(std::string(error.what()).find("--fail-on flipped_face>0"), std::string::npos) << error.what();
   }
 }
@@ -106,6 +107,9 @@ TEST(Gates, KnowAllMeasuresOfADesign) {
   result.set_max_error(1e-7);
   result.mutable_constraints()->add_residuals()->set_missed(true);
   EXPECT_EQ(cli::design_measure("inverted_at_rest", result), 3);
+  EXPECT_EQ(cli::design_measure("newly_intersecting_faces", result), std::nullopt) << "not looked for";
+  result.mutable_faces()->set_intersecting(4);
+  EXPECT_EQ(cli::design_measure("newly_intersecting_faces", result), 4);
   EXPECT_EQ(cli::design_measure("interpolation_residual", result), 1e-9);
   EXPECT_EQ(cli::design_measure("max_error", result), 1e-7);
   EXPECT_EQ(cli::design_measure("missed", result), 1);

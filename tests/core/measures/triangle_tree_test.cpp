@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "core/measures/triangle_tree.h"
+#include "core/mesh/triangle_tree.h"
 
 #include <gtest/gtest.h>
 

@@ -14,7 +14,7 @@
 #include "core/base/types.h"
 #include "core/base/vectors.h"
 
-namespace deform::measures {
+namespace deform {
 
 /// A place on a triangle: its number, barycentric weights of its corners and the place itself.
 struct PlaceOnTriangle {
@@ -89,6 +89,15 @@ class TriangleTree {
   /// number.
   template <typename Accept>
   PlaceOnTriangle first(const Ray& ray, const Accept& accept) const;
+  /// Calls visit(number) for all triangles whose bounding boxes meet `box`, touching it included, until it returns false.
+  template <typename Visit>
+  void meeting(const Box& box, const Visit& visit) const;
+
+  /// An upper bound of the memory in bytes for this number of triangles.
+  static std::size_t bytes_for(std::size_t triangles) {
+    return triangles *
+           (sizeof(std::array<PointId, 3>) + sizeof(std::uint32_t) + sizeof(std::array<Vec3, 3>) + sizeof(Node) + sizeof(Box));
+  }
 
  private:
   static constexpr std::uint32_t leaf_size = 4;
@@ -101,6 +110,10 @@ class TriangleTree {
   std::uint32_t build(std::uint32_t begin, std::uint32_t end);
   void place(std::span<const Vec3> points, const RunContext& context);
   static double squared_distance_to(const Box& box, const Vec3& x);
+  static bool meet(const Box& a, const Box& b) {
+    return a.min[0] <= b.max[0] && b.min[0] <= a.max[0] && a.min[1] <= b.max[1] && b.min[1] <= a.max[1] && a.min[2] <= b.max[2] &&
+           b.min[2] <= a.max[2];
+  }
 
   std::vector<std::array<PointId, 3>> triangles_;
   std::vector<std::uint32_t> order_;          ///< numbers of triangles, leaf by leaf
@@ -176,4 +189,26 @@ PlaceOnTriangle TriangleTree::first(const Ray& ray, const Accept& accept) const 
   return best;
 }
 
-}  // namespace deform::measures
+template <typename Visit>
+void TriangleTree::meeting(const Box& box, const Visit& visit) const {
+  if (nodes_.empty()) return;
+  std::array<std::uint32_t, most_open> open{};
+  std::size_t count = 1;
+  while (count > 0) {
+    const std::uint32_t index = open[--count];
+    const Node& node = nodes_[index];
+    if (!meet(boxes_[index], box)) continue;
+    if (node.right != 0) {
+      open[count++] = node.right;
+      open[count++] = index + 1;
+      continue;
+    }
+    for (std::uint32_t i = node.begin; i < node.end; ++i) {
+      Box own;
+      for (const Vec3& corner : corners_[i]) own.add(corner);
+      if (meet(own, box) && !visit(order_[i])) return;
+    }
+  }
+}
+
+}  // namespace deform

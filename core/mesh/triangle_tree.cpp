@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/measures/triangle_tree.h"
+#include "core/mesh/triangle_tree.h"
 
 #include <numbers>
 #include <numeric>
 
 #include "core/base/parallel.h"
 
-namespace deform::measures {
+namespace deform {
 
 namespace {
 
@@ -188,4 +188,4 @@ TriangleTree TriangleTree::moved(std::span<const Vec3> points, const RunContext&
   return tree;
 }
 
-}  // namespace deform::measures
+}  // namespace deform
