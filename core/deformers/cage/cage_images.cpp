@@ -23,31 +23,25 @@ constexpr std::size_t cut_points_per_task = 64;
 
 std::string plane_name(std::size_t k) { return "symmetry[" + std::to_string(k) + "]"; }
 
-/// A plane in which a cage ends.
-struct End {
-  std::size_t plane;
-  double side;  ///< of the cage: 1, that of the mesh, or -1
-};
-
 /// Places on the side of a cage that ends in planes.
 class CageSides {
  public:
-  CageSides(Symmetry symmetry, std::vector<End> ends) : symmetry_(std::move(symmetry)), ends_(std::move(ends)) {}
+  CageSides(Symmetry symmetry, std::vector<CagePlanes::End> ends) : symmetry_(std::move(symmetry)), ends_(std::move(ends)) {}
 
   /// The planes (mask) in which a place must be reflected to be there.
   unsigned away(const Vec3& place) const {
     const Vec3 at = symmetry_.coordinates(place);
     unsigned planes = 0;
-    for (const End& end : ends_) {
+    for (const CagePlanes::End& end : ends_) {
       if (end.side * at[end.plane] < -symmetry_.reach(end.plane)) planes |= 1u << end.plane;
     }
     return planes;
   }
-  std::size_t bytes() const { return sizeof *this + ends_.size() * sizeof(End); }
+  std::size_t bytes() const { return sizeof *this + ends_.size() * sizeof(CagePlanes::End); }
 
  private:
   const Symmetry symmetry_;
-  const std::vector<End> ends_;
+  const std::vector<CagePlanes::End> ends_;
 };
 
 /// The functions of a cage that ends in planes, on its side of them.
@@ -80,7 +74,7 @@ class OneSide : public SpaceFunctions {
 /// In which vertices of a cage on one side of a plane are images of themselves, the others have none; empty for other cages.
 std::vector<std::uint32_t> ends_in_plane(const Cage& cage, const Symmetry& symmetry, std::size_t plane, double side,
                                          double tolerance) {
-  std::vector<std::uint32_t> image(cage.size(), ControlModel::no_control);
+  std::vector<std::uint32_t> image(cage.size(), ControlMatches::no_control);
   for (std::uint32_t v = 0; v < cage.size(); ++v) {
     const double height = side * symmetry.coordinates(cage.vertices()[v])[plane];
     if (height < -tolerance) return {};
@@ -136,23 +130,21 @@ CageImages cage_images(const Cage& cage, const std::function<Vec3(const Vec3&)>&
   return result;
 }
 
-CageControls cage_controls(const CageOptions& options, const std::shared_ptr<const Mesh>& mesh, const Symmetry& symmetry) {
-  CageControls controls{cage_model(options, mesh), mesh};
-  ControlModel& model = controls.model;
-  const Cage cage = cage_of(options);
+CagePlanes cage_planes(const Cage& cage, const Symmetry& symmetry) {
+  CagePlanes result;
   if (symmetry.is_sector()) {
-    model.sectors = static_cast<unsigned>(symmetry.sector().count());
+    const auto count = static_cast<unsigned>(symmetry.sector().count());
     CageImages next = cage_images(
         cage, [&](const Vec3& x) { return symmetry.image(x, 1); }, image_tolerance * cage.diagonal());
     if (next.image.empty()) {
-      refuse_argument("method.cage: the cage is not that of a wheel of " + std::to_string(model.sectors) +
+      refuse_argument("method.cage: the cage is not that of a wheel of " + std::to_string(count) +
                       " sectors: turned by one of them it is another (" + next.no_image +
-                      "); coordinates reach beyond a cage, so it must be around the whole wheel, the same in every sector");
+                      "); it must be around the whole wheel, the same in every sector");
     }
-    model.matches.push_back(std::move(next.image));
-    return controls;
+    result.matches.sectors = count;
+    result.matches.images.push_back(std::move(next.image));
+    return result;
   }
-  std::vector<End> ends;
   for (std::size_t k = 0; k < symmetry.planes(); ++k) {
     const double tolerance = image_tolerance * cage.diagonal() + 2 * symmetry.reach(k);
     CageImages own = cage_images(
@@ -160,17 +152,26 @@ CageControls cage_controls(const CageOptions& options, const std::shared_ptr<con
     for (const double side : {1.0, -1.0}) {
       if (!own.image.empty()) break;
       own.image = ends_in_plane(cage, symmetry, k, side, tolerance);
-      if (!own.image.empty()) ends.push_back({k, side});
+      if (!own.image.empty()) result.ends.push_back({k, side});
     }
     if (own.image.empty()) {
       refuse_argument(
           "method.cage: the cage is not its own mirror image in " + plane_name(k) + " (" + own.no_image +
           "), nor does it end in that plane; make it symmetric, or leave out what is behind the plane and close it there");
     }
-    model.matches.push_back(std::move(own.image));
+    result.matches.images.push_back(std::move(own.image));
   }
-  if (ends.empty()) return controls;
-  const CageSides sides(symmetry, std::move(ends));
+  return result;
+}
+
+CageControls cage_controls(const CageOptions& options, const std::shared_ptr<const Mesh>& mesh, const Symmetry& symmetry) {
+  CageControls controls{cage_model(options, mesh), mesh};
+  ControlModel& model = controls.model;
+  const Cage cage = cage_of(options);
+  CagePlanes planes = cage_planes(cage, symmetry);
+  model.matches = std::move(planes.matches);
+  if (planes.ends.empty()) return controls;
+  const CageSides sides(symmetry, std::move(planes.ends));
   ControlImage& only = model.images.front();
   controls.places = placed(mesh, symmetry, sides, only.reflected);
   const auto rows = std::make_shared<const CageRows>(cage, controls.places);
@@ -180,9 +181,9 @@ CageControls cage_controls(const CageOptions& options, const std::shared_ptr<con
 }
 
 void check_cut(const ControlModel& model, const Mesh& mesh, const Symmetry& symmetry, const RunContext& context) {
-  for (std::size_t k = 0; k < model.matches.size(); ++k) {
-    const std::vector<std::uint32_t>& image = model.matches[k];
-    if (std::find(image.begin(), image.end(), ControlModel::no_control) == image.end()) continue;
+  for (std::size_t k = 0; k < model.matches.images.size(); ++k) {
+    const std::vector<std::uint32_t>& image = model.matches.images[k];
+    if (std::find(image.begin(), image.end(), ControlMatches::no_control) == image.end()) continue;
     std::vector<PointId> in_plane;
     for (PointId p = 0; p < mesh.point_count(); ++p) {
       if ((symmetry.on(p) >> k & 1u) != 0) in_plane.push_back(p);
@@ -192,7 +193,7 @@ void check_cut(const ControlModel& model, const Mesh& mesh, const Symmetry& symm
       for (std::size_t i = begin; i < end; ++i) {
         double through = 0;
         model.images.front().rows->for_each(in_plane[i], [&](std::int64_t v, double value) {
-          if (image[static_cast<std::size_t>(v)] == ControlModel::no_control) through += std::abs(value);
+          if (image[static_cast<std::size_t>(v)] == ControlMatches::no_control) through += std::abs(value);
         });
         led_away[i] = through > most_through_plane ? 1 : 0;
       }

@@ -34,7 +34,7 @@ std::shared_ptr<const Mesh> borrowed(const Mesh& mesh) { return {std::shared_ptr
 
 Estimate estimate_controls(const CageOptions& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions) {
   const auto [model, places] = cage_controls(options, borrowed(mesh), regions.symmetry);
-  check_images(model, setup, regions);
+  check_images(model.matches, setup, regions);
   Estimate estimate = deform::estimate_controls(mesh, model, basis_options(options), regions);
   add_place_notes(cage_of(options), *places, estimate.notes);
   estimate.advice = "use fewer handles or basis BASIS_NEVER";
