@@ -66,41 +66,40 @@ struct GreenSystem::Rejected {
   }
 };
 
-GreenSystem::GreenSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, const CageOptions& options,
-                         const RunContext& context)
-    : GreenSystem(std::move(mesh), setup, options, vertices_of(options), context) {}
-
-GreenSystem::GreenSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, const CageOptions& options,
-                         const std::shared_ptr<const Mesh>& controls, const RunContext& context)
-    : HandleSystem(std::move(mesh), setup, controls, context),
-      cage_(cage_of(options)),
-      coordinates_(cage_),
-      fields_(cage_.size()) {
-  for (std::size_t v = 0; v < fields_.size(); ++v) {
-    if (moves(v)) fields_[v] = handle_fields(points_.region_of[v], static_cast<PointId>(v));
+GreenColumns::GreenColumns(const WholeCage& whole, const ControlSources& sources) {
+  const auto moves = [&](std::uint32_t v) { return !sources.of(whole.vertices[v].control).empty(); };
+  for (std::uint32_t v = 0; v < whole.cage.size(); ++v) {
+    if (moves(v)) vertices.push_back(v);
   }
+  for (std::uint32_t t = 0; t < whole.cage.triangles().size(); ++t) {
+    const Cage::Triangle& triangle = whole.cage.triangles()[t];
+    if (std::any_of(triangle.begin(), triangle.end(), moves)) triangles.push_back(t);
+  }
+}
+
+GreenSystem::GreenSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, const CageOptions& options, WholeCage whole,
+                         const RunContext& context)
+    : HandleSystem(std::move(mesh), setup, vertices_of(options), context),
+      whole_(std::move(whole)),
+      cage_(whole_.cage),
+      coordinates_(cage_),
+      sources_(whole_.matches, whole_.controls, regions_),
+      columns_(whole_, sources_),
+      fields_(whole_.controls) {
+  check_images(whole_.matches, setup_, regions_);
+  for (const auto& handle : regions_.handles) {
+    for (const PointId v : handle) fields_[v] = handle_fields(points_.region_of[v], v);
+  }
+  for (const std::uint32_t t : columns_.triangles) normals_.emplace_back(corners(t, cage_.vertices()));
   double least = 1;
   for (const Cage::Face& face : cage_.faces()) {
     for (const double altitude : face.altitudes) least = std::min(least, altitude);
   }
   rounding_ = green_roundings * std::numeric_limits<double>::epsilon() * std::max(usual_ratio, 1 / least);
-  find_columns();
   end_stage("select");
   prepare_coordinates(options.basis, context);
   end_stage("coordinates");
   fill_info();
-}
-
-void GreenSystem::find_columns() {
-  for (std::uint32_t v = 0; v < cage_.size(); ++v) {
-    if (moves(v)) columns_.vertices.push_back(v);
-  }
-  for (std::uint32_t t = 0; t < cage_.triangles().size(); ++t) {
-    const Cage::Triangle& triangle = cage_.triangles()[t];
-    if (std::none_of(triangle.begin(), triangle.end(), [&](std::uint32_t v) { return moves(v); })) continue;
-    columns_.triangles.push_back(t);
-    normals_.emplace_back(corners(t, cage_.vertices()));
-  }
 }
 
 StretchedNormal::Corners GreenSystem::corners(std::size_t triangle, std::span<const Vec3> of) const {
@@ -138,7 +137,8 @@ void GreenSystem::compute_tile(std::size_t tile, Scratch& scratch, double* out, 
   std::fill_n(out, columns_.size() * tile_size, 0.0);
   const std::size_t begin = tile * tile_size, end = std::min(begin + tile_size, mesh_->point_count());
   for (std::size_t i = begin; i < end; ++i) {
-    const int winding = compute_point(mesh_->points[i], scratch, out + (i - begin));
+    const PointId at = symmetry().sector().first_of(static_cast<PointId>(i));
+    const int winding = compute_point(mesh_->points[at], scratch, out + (i - begin));
     if (winding != 1 && rejected != nullptr) rejected->add(static_cast<PointId>(i), winding);
   }
 }
@@ -167,10 +167,12 @@ void GreenSystem::prepare_coordinates(BasisMode mode, const RunContext& context)
 
 void GreenSystem::fill_info() {
   info_.solver = Solver::automatic;  // nothing is solved
-  info_.samples = info_.functions = cage_.size();
-  set_bytes(0, (stored_ ? stored_->bytes() : 0) + green_overhead_bytes(cage_) + following().size() * sizeof(PointId));
-  info_.notes = {size_note(cage_), std::to_string(columns_.vertices.size()) + " vertices of the cage are in handles, the other " +
-                                       std::to_string(cage_.size() - columns_.vertices.size()) + " stay."};
+  info_.samples = info_.functions = whole_.controls;
+  set_bytes(0, (stored_ ? stored_->bytes() : 0) + green_overhead_bytes(whole_, sources_) + following().size() * sizeof(PointId));
+  info_.notes = whole_.notes;
+  if (symmetry().is_sector()) info_.notes.push_back(symmetry().sector().note());
+  info_.notes.push_back(sources_.note(regions_, "vertices of the cage"));
+  for (std::string& note : whole_.idle_notes(setup_, regions_)) info_.notes.push_back(std::move(note));
   info_.notes.push_back("Green coordinates have no handle basis, as normals are no linear function of the vertices; " +
                         std::string(stored_ ? "the coordinates of all points are stored."
                                             : "every design computes the coordinates of all points again."));
@@ -184,11 +186,33 @@ std::string GreenSystem::without_basis() const {
          "coordinates MEAN_VALUE, or evaluate on the server";
 }
 
+void GreenSystem::check_motions(const BoundDesign& design, std::size_t index) const {
+  sources_.check_design(held(), design, index);
+}
+
+void GreenSystem::check_motions(const std::vector<Affine>& derivative, const std::string& what) const {
+  sources_.check_rates(held(), derivative, what);
+}
+
 std::vector<Vec3> GreenSystem::displacements(const BoundDesign& design, MotionKind kind) const {
   const HeldPoints points = held();
+  std::vector<Vec3> own(whole_.controls);
+  for (const auto& handle : regions_.handles) {
+    for (const PointId v : handle) own[v] = points.displacement(design, v, kind);
+  }
+  const std::vector<Vec3> all = sources_.displacements(std::move(own), symmetry());
   std::vector<Vec3> result(cage_.size());
-  for (const std::uint32_t v : columns_.vertices) result[v] = points.displacement(design, v, kind);
+  for (const std::uint32_t v : columns_.vertices) {
+    const auto [control, image] = whole_.vertices[v];
+    result[v] = symmetry().components_in(all[control], image);
+  }
   return result;
+}
+
+std::vector<Vec3> GreenSystem::in_model(std::vector<Vec3> vectors) const {
+  if (symmetry().empty()) return vectors;
+  for (Vec3& vector : vectors) vector = symmetry().from_frame(vector);
+  return vectors;
 }
 
 std::vector<Vec3> GreenSystem::moved(std::span<const Vec3> displacements, const std::string& what) const {
@@ -196,9 +220,12 @@ std::vector<Vec3> GreenSystem::moved(std::span<const Vec3> displacements, const 
   for (const std::uint32_t v : columns_.vertices) result[v] = result[v] + displacements[v];
   for (std::size_t t = 0; t < normals_.size(); ++t) {
     if (normals_[t].exists(corners(columns_.triangles[t], result))) continue;
-    const auto& [a, b, c] = cage_.triangles()[columns_.triangles[t]];
-    refuse_argument(what + ": moves vertices " + std::to_string(a) + ", " + std::to_string(b) + " and " + std::to_string(c) +
-                    " of the cage onto a line; triangle " + std::to_string(columns_.triangles[t]) +
+    std::string text;
+    for (const std::uint32_t v : cage_.triangles()[columns_.triangles[t]]) {
+      text += (text.empty() ? "" : ", ") + std::to_string(whole_.vertices[v].control);
+    }
+    refuse_argument(what + ": moves vertices " + text + " of the cage onto a line; triangle " +
+                    std::to_string(whole_.triangles[columns_.triangles[t]]) +
                     " then has no normal, which coordinates GREEN need");
   }
   return result;
@@ -206,7 +233,7 @@ std::vector<Vec3> GreenSystem::moved(std::span<const Vec3> displacements, const 
 
 std::vector<Vec3> GreenSystem::moved_by(std::span<const double> variables) const {
   const Design design{{variables.begin(), variables.end()}, {}};
-  return moved(displacements(held().bound(design, 0), MotionKind::position), "variables");
+  return moved(in_model(displacements(held().bound(design, 0), MotionKind::position)), "variables");
 }
 
 std::unique_ptr<const Evaluation> GreenSystem::bind(std::span<const Design> designs, EvaluationPath path,
@@ -240,7 +267,9 @@ std::vector<double> GreenSystem::adjoint(const std::vector<Vec3>& moved, const s
     for (std::size_t t = begin; t < end; ++t) {
       for (std::size_t i = 0; i < tile_size; ++i) {
         const std::size_t at = t * tile_size + i;
-        for (std::size_t k = 0; k < 3; ++k) cotangents[k * tile_size + i] = at < at_following.size() ? at_following[at][k] : 0.0;
+        const Vec3 of_point =
+            at < at_following.size() ? symmetry().sector().at_first(static_cast<PointId>(at), at_following[at]) : Vec3{};
+        for (std::size_t k = 0; k < 3; ++k) cotangents[k * tile_size + i] = of_point[k];
       }
       tile_product_transposed(tile(t, scratch), columns_.size(), cotangents, 3, partial[begin / green_tiles_per_sum].data(), 3);
     }
@@ -255,35 +284,23 @@ std::vector<double> GreenSystem::adjoint(const std::vector<Vec3>& moved, const s
   for (std::size_t v = 0; v < columns_.vertices.size(); ++v) of_vertices[columns_.vertices[v]] = sum(v);
   for (std::size_t t = 0; t < columns_.triangles.size(); ++t) {
     const Cage::Triangle& triangle = cage_.triangles()[columns_.triangles[t]];
-    const auto gradient = normals_[t].gradient(corners(columns_.triangles[t], moved), sum(columns_.vertices.size() + t));
-    for (std::size_t k = 0; k < 3; ++k) of_vertices[triangle[k]] = of_vertices[triangle[k]] + gradient[k];
+    Vec3 of_normal = sum(columns_.vertices.size() + t);
+    if (!symmetry().empty()) of_normal = symmetry().from_frame(of_normal);
+    const auto gradient = normals_[t].gradient(corners(columns_.triangles[t], moved), of_normal);
+    for (std::size_t k = 0; k < 3; ++k) of_vertices[triangle[k]] = of_vertices[triangle[k]] + in_frame(gradient[k]);
   }
-  std::vector<double> result(3 * fields(), 0.0);
-  for (const std::uint32_t v : columns_.vertices) {
-    const std::size_t first = std::size_t{4} * points_.region_of[v];
-    for (std::size_t f = 0; f < 4; ++f) {
-      for (std::size_t k = 0; k < 3; ++k) result[3 * (first + f) + k] += fields_[v][f] * of_vertices[v][k];
-    }
+  std::vector<Vec3> of_controls(whole_.controls);
+  for (std::uint32_t v = 0; v < cage_.size(); ++v) {
+    const auto [control, image] = whole_.vertices[v];
+    of_controls[control] = of_controls[control] + symmetry().components_in(of_vertices[v], symmetry().inverse(image));
   }
-  return result;
+  return field_sums(regions_, fields_, sources_.transposed(of_controls, symmetry()));
 }
 
-std::size_t green_bytes(const Cage& cage, const SelectedRegions& regions, std::size_t points) {
-  std::vector<char> moves(cage.size(), 0);
-  std::size_t columns = 0;
-  for (const auto& handle : regions.handles) {
-    for (const PointId v : handle) moves[v] = 1;
-    columns += handle.size();
-  }
-  for (const Cage::Triangle& triangle : cage.triangles()) {
-    columns += std::any_of(triangle.begin(), triangle.end(), [&](std::uint32_t v) { return moves[v] != 0; }) ? 1 : 0;
-  }
-  return FieldTiles::bytes_for(points, columns);
-}
-
-std::size_t green_overhead_bytes(const Cage& cage) {
-  return cage.bytes() + cage.size() * (sizeof(std::array<double, 4>) + sizeof(std::uint32_t) + sizeof(Vec3)) +
-         cage.triangles().size() * (sizeof(StretchedNormal) + sizeof(std::uint32_t));
+std::size_t green_overhead_bytes(const WholeCage& whole, const ControlSources& sources) {
+  return whole.bytes() + sources.bytes() + whole.controls * sizeof(std::array<double, 4>) +
+         whole.cage.size() * (sizeof(std::uint32_t) + sizeof(Vec3)) +
+         whole.cage.triangles().size() * (sizeof(StretchedNormal) + sizeof(std::uint32_t));
 }
 
 }  // namespace deform
