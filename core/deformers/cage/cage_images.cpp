@@ -71,6 +71,41 @@ class OneSide : public SpaceFunctions {
   const std::size_t placed_;
 };
 
+/// For each vertex of a cage the one that is its image, or no_control.
+std::vector<std::uint32_t> vertex_images(const Cage& cage, const std::function<Vec3(const Vec3&)>& reflect, double tolerance) {
+  const std::vector<Vec3>& at = cage.vertices();
+  std::vector<std::uint32_t> order(at.size());  // ascending in x
+  std::iota(order.begin(), order.end(), 0u);
+  std::sort(order.begin(), order.end(), [&](std::uint32_t a, std::uint32_t b) { return at[a] < at[b]; });
+  std::vector<std::uint32_t> result;
+  for (std::uint32_t v = 0; v < at.size(); ++v) {
+    const Vec3 place = reflect(at[v]);
+    auto found = std::lower_bound(order.begin(), order.end(), place[0] - tolerance,
+                                  [&](std::uint32_t a, double x) { return at[a][0] < x; });
+    while (found != order.end() && at[*found][0] <= place[0] + tolerance && distance(at[*found], place) > tolerance) ++found;
+    const bool known = found != order.end() && at[*found][0] <= place[0] + tolerance;
+    result.push_back(known ? *found : ControlMatches::no_control);
+  }
+  return result;
+}
+
+/// `next` of a cage of one sector: the images of its vertices, by one turn and back. Empty if it does not end in periodic
+/// boundaries: fewer than three vertices off the axis have an image, or an image has one of its own.
+std::vector<std::vector<std::uint32_t>> ends_in_sector(const std::vector<std::uint32_t>& next, std::size_t count) {
+  std::vector<std::uint32_t> previous(next.size(), ControlMatches::no_control);
+  std::size_t pairs = 0;
+  for (std::uint32_t v = 0; v < next.size(); ++v) {
+    if (next[v] == ControlMatches::no_control) continue;
+    previous[next[v]] = v;
+    if (next[v] == v) continue;
+    ++pairs;
+    const std::uint32_t further = next[next[v]];
+    if (further != ControlMatches::no_control && !(count == 2 && further == v)) return {};
+  }
+  if (pairs < (count == 2 ? 6 : 3)) return {};
+  return {next, previous};
+}
+
 /// In which vertices of a cage on one side of a plane are images of themselves, the others have none; empty for other cages.
 std::vector<std::uint32_t> ends_in_plane(const Cage& cage, const Symmetry& symmetry, std::size_t plane, double side,
                                          double tolerance) {
@@ -99,20 +134,10 @@ std::shared_ptr<const Mesh> placed(const std::shared_ptr<const Mesh>& mesh, cons
 }  // namespace
 
 CageImages cage_images(const Cage& cage, const std::function<Vec3(const Vec3&)>& reflect, double tolerance) {
-  const std::vector<Vec3>& at = cage.vertices();
-  std::vector<std::uint32_t> order(at.size());  // ascending in x
-  std::iota(order.begin(), order.end(), 0u);
-  std::sort(order.begin(), order.end(), [&](std::uint32_t a, std::uint32_t b) { return at[a] < at[b]; });
-  CageImages result;
-  for (std::uint32_t v = 0; v < at.size(); ++v) {
-    const Vec3 place = reflect(at[v]);
-    auto found = std::lower_bound(order.begin(), order.end(), place[0] - tolerance,
-                                  [&](std::uint32_t a, double x) { return at[a][0] < x; });
-    while (found != order.end() && at[*found][0] <= place[0] + tolerance && distance(at[*found], place) > tolerance) ++found;
-    if (found == order.end() || at[*found][0] > place[0] + tolerance) {
-      return {{}, "vertex " + std::to_string(v) + " has no image"};
-    }
-    result.image.push_back(*found);
+  CageImages result{vertex_images(cage, reflect, tolerance), {}};
+  const auto none = std::find(result.image.begin(), result.image.end(), ControlMatches::no_control);
+  if (none != result.image.end()) {
+    return {{}, "vertex " + std::to_string(none - result.image.begin()) + " has no image"};
   }
   const auto sorted = [](Cage::Triangle t) {
     std::sort(t.begin(), t.end());
@@ -133,16 +158,22 @@ CageImages cage_images(const Cage& cage, const std::function<Vec3(const Vec3&)>&
 CagePlanes cage_planes(const Cage& cage, const Symmetry& symmetry) {
   CagePlanes result;
   if (symmetry.is_sector()) {
-    const auto count = static_cast<unsigned>(symmetry.sector().count());
-    CageImages next = cage_images(
-        cage, [&](const Vec3& x) { return symmetry.image(x, 1); }, image_tolerance * cage.diagonal());
-    if (next.image.empty()) {
-      refuse_argument("method.cage: the cage is not that of a wheel of " + std::to_string(count) +
-                      " sectors: turned by one of them it is another (" + next.no_image +
-                      "); it must be around the whole wheel, the same in every sector");
+    result.matches.sectors = static_cast<unsigned>(symmetry.sector().count());
+    const auto turn = [&](const Vec3& x) { return symmetry.image(x, 1); };
+    CageImages next = cage_images(cage, turn, image_tolerance * cage.diagonal());
+    if (!next.image.empty()) {
+      result.matches.images.push_back(std::move(next.image));
+      return result;
     }
-    result.matches.sectors = count;
-    result.matches.images.push_back(std::move(next.image));
+    result.matches.images =
+        ends_in_sector(vertex_images(cage, turn, image_tolerance * cage.diagonal()), symmetry.sector().count());
+    result.in_sector = !result.matches.images.empty();
+    if (!result.in_sector) {
+      refuse_argument("method.cage: the cage is not that of a wheel of " + std::to_string(result.matches.sectors) +
+                      " sectors: turned by one of them it is another (" + next.no_image +
+                      "); it must be around the whole wheel, the same in every sector, or with coordinates GREEN end in the "
+                      "periodic boundaries, with the same vertices in both");
+    }
     return result;
   }
   for (std::size_t k = 0; k < symmetry.planes(); ++k) {
@@ -169,6 +200,11 @@ CageControls cage_controls(const CageOptions& options, const std::shared_ptr<con
   ControlModel& model = controls.model;
   const Cage cage = cage_of(options);
   CagePlanes planes = cage_planes(cage, symmetry);
+  if (planes.in_sector) {
+    refuse_argument(
+        "method.cage: the cage ends in the periodic boundaries of its sector, but coordinates MEAN_VALUE reach beyond "
+        "it; use coordinates GREEN, or a cage around the whole wheel, the same in every sector");
+  }
   model.matches = std::move(planes.matches);
   if (planes.ends.empty()) return controls;
   const CageSides sides(symmetry, std::move(planes.ends));

@@ -86,14 +86,15 @@ Estimate estimate_green(const CageOptions& options, const Mesh& mesh, const Setu
   check_images(whole.matches, setup, regions);
   check_cage_box(whole.cage.vertices(), mesh);
   const ControlSources sources(whole.matches, whole.controls, regions);
+  const GreenColumns columns(whole, sources, regions.symmetry);
   const std::size_t n = mesh.point_count();
-  const std::size_t coordinates = FieldTiles::bytes_for(n, GreenColumns(whole, sources).size());
+  const std::size_t coordinates = FieldTiles::bytes_for(n, columns.size());
   const bool stored = wants_basis(options.basis, coordinates, 0);
   Estimate estimate;
   estimate.samples = whole.controls;
   estimate.constraint_points = regions.fixed.size();
   for (const auto& handle : regions.handles) estimate.constraint_points += handle.size();
-  estimate.resident_bytes = (stored ? coordinates : 0) + green_overhead_bytes(whole, sources) + n * sizeof(PointId) +
+  estimate.resident_bytes = (stored ? coordinates : 0) + green_overhead_bytes(whole, sources, columns) + n * sizeof(PointId) +
                             point_bytes(n + whole.controls, regions.symmetry);
   estimate.peak_bytes = estimate.resident_bytes + n * sizeof(PointId);           // points outside
   if (!regions.symmetry.empty()) estimate.peak_bytes += 4 * whole.cage.bytes();  // cages in the making

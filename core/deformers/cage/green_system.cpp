@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <limits>
+#include <map>
 #include <mutex>
 #include <utility>
 
@@ -66,15 +67,56 @@ struct GreenSystem::Rejected {
   }
 };
 
-GreenColumns::GreenColumns(const WholeCage& whole, const ControlSources& sources) {
+GreenColumns::GreenColumns(const WholeCage& whole, const ControlSources& sources, const Symmetry& symmetry) {
+  unsigned images = 0;  // bits of all
+  for (const auto& vertex : whole.vertices) images |= vertex.image;
+  parts_ = images == 0 ? std::vector<ComponentPart>{{{0, 1, 2}}} : component_parts(symmetry, images);
+  for (std::size_t image = 0; image < (images == 0 ? 1 : symmetry.images()); ++image) {
+    for (const ComponentPart& part : parts_) factors_.push_back(part.factor(symmetry, static_cast<unsigned>(image)));
+  }
   const auto moves = [&](std::uint32_t v) { return !sources.of(whole.vertices[v].control).empty(); };
   for (std::uint32_t v = 0; v < whole.cage.size(); ++v) {
-    if (moves(v)) vertices.push_back(v);
+    if (moves(v)) vertices_.push_back(whole.vertices[v].control);
   }
+  std::sort(vertices_.begin(), vertices_.end());
+  vertices_.erase(std::unique(vertices_.begin(), vertices_.end()), vertices_.end());
+  std::vector<std::uint32_t> position(whole.controls);
+  for (std::uint32_t i = 0; i < vertices_.size(); ++i) position[vertices_[i]] = i;
+  for (std::uint32_t v = 0; v < whole.cage.size(); ++v) {
+    if (moves(v)) vertex_entries_.push_back({v, position[whole.vertices[v].control], whole.vertices[v].image});
+  }
+  std::vector<std::uint32_t> moving;
+  std::map<std::uint32_t, std::uint32_t> position_of;
   for (std::uint32_t t = 0; t < whole.cage.triangles().size(); ++t) {
     const Cage::Triangle& triangle = whole.cage.triangles()[t];
-    if (std::any_of(triangle.begin(), triangle.end(), moves)) triangles.push_back(t);
+    if (std::none_of(triangle.begin(), triangle.end(), moves)) continue;
+    moving.push_back(t);
+    if (whole.triangles[t].image != 0) continue;
+    position_of[whole.triangles[t].control] = static_cast<std::uint32_t>(triangles_.size());
+    triangles_.push_back(t);
   }
+  for (const std::uint32_t t : moving) {
+    triangle_entries_.push_back({t, position_of.at(whole.triangles[t].control), whole.triangles[t].image});
+  }
+}
+
+void GreenColumns::add(const std::vector<Entry>& entries, std::size_t first, std::span<const double> values, std::size_t stride,
+                       double* out) const {
+  const std::size_t parts = parts_.size();
+  for (const Entry& entry : entries) {
+    double* const at = out + (first + parts * entry.position) * stride;
+    for (std::size_t p = 0; p < parts; ++p) at[p * stride] += factors_[entry.image * parts + p] * values[entry.number];
+  }
+}
+
+void GreenColumns::add_up(std::span<const double> phi, std::span<const double> psi, std::size_t stride, double* out) const {
+  add(vertex_entries_, 0, phi, stride, out);
+  add(triangle_entries_, of_triangle(0), psi, stride, out);
+}
+
+std::size_t GreenColumns::bytes() const {
+  return (vertices_.size() + triangles_.size()) * sizeof(std::uint32_t) +
+         (vertex_entries_.size() + triangle_entries_.size()) * sizeof(Entry) + factors_.size() * sizeof(double);
 }
 
 GreenSystem::GreenSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, const CageOptions& options, WholeCage whole,
@@ -84,13 +126,13 @@ GreenSystem::GreenSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, c
       cage_(whole_.cage),
       coordinates_(cage_),
       sources_(whole_.matches, whole_.controls, regions_),
-      columns_(whole_, sources_),
+      columns_(whole_, sources_, regions_.symmetry),
       fields_(whole_.controls) {
   check_images(whole_.matches, setup_, regions_);
   for (const auto& handle : regions_.handles) {
     for (const PointId v : handle) fields_[v] = handle_fields(points_.region_of[v], v);
   }
-  for (const std::uint32_t t : columns_.triangles) normals_.emplace_back(corners(t, cage_.vertices()));
+  for (const std::uint32_t t : columns_.triangles()) normals_.emplace_back(corners(t, cage_.vertices()));
   double least = 1;
   for (const Cage::Face& face : cage_.faces()) {
     for (const double altitude : face.altitudes) least = std::min(least, altitude);
@@ -111,14 +153,7 @@ int GreenSystem::compute_point(const Vec3& x, Scratch& scratch, double* at) cons
   scratch.phi.resize(cage_.size());
   scratch.psi.resize(cage_.triangles().size());
   const int winding = coordinates_.evaluate(x, scratch.views, scratch.phi, scratch.psi);
-  for (const std::uint32_t v : columns_.vertices) {
-    *at = scratch.phi[v];
-    at += tile_size;
-  }
-  for (const std::uint32_t t : columns_.triangles) {
-    *at = scratch.psi[t];
-    at += tile_size;
-  }
+  columns_.add_up(scratch.phi, scratch.psi, tile_size, at);
   return winding;
 }
 
@@ -168,7 +203,8 @@ void GreenSystem::prepare_coordinates(BasisMode mode, const RunContext& context)
 void GreenSystem::fill_info() {
   info_.solver = Solver::automatic;  // nothing is solved
   info_.samples = info_.functions = whole_.controls;
-  set_bytes(0, (stored_ ? stored_->bytes() : 0) + green_overhead_bytes(whole_, sources_) + following().size() * sizeof(PointId));
+  set_bytes(0, (stored_ ? stored_->bytes() : 0) + green_overhead_bytes(whole_, sources_, columns_) +
+                   following().size() * sizeof(PointId));
   info_.notes = whole_.notes;
   if (symmetry().is_sector()) info_.notes.push_back(symmetry().sector().note());
   info_.notes.push_back(sources_.note(regions_, "vertices of the cage"));
@@ -200,33 +236,31 @@ std::vector<Vec3> GreenSystem::displacements(const BoundDesign& design, MotionKi
   for (const auto& handle : regions_.handles) {
     for (const PointId v : handle) own[v] = points.displacement(design, v, kind);
   }
-  const std::vector<Vec3> all = sources_.displacements(std::move(own), symmetry());
+  return sources_.displacements(std::move(own), symmetry());
+}
+
+std::vector<Vec3> GreenSystem::in_model(std::span<const Vec3> displacements) const {
   std::vector<Vec3> result(cage_.size());
-  for (const std::uint32_t v : columns_.vertices) {
+  for (std::size_t v = 0; v < result.size(); ++v) {
     const auto [control, image] = whole_.vertices[v];
-    result[v] = symmetry().components_in(all[control], image);
+    result[v] = symmetry().components_in(displacements[control], image);
+    if (!symmetry().empty()) result[v] = symmetry().from_frame(result[v]);
   }
   return result;
 }
 
-std::vector<Vec3> GreenSystem::in_model(std::vector<Vec3> vectors) const {
-  if (symmetry().empty()) return vectors;
-  for (Vec3& vector : vectors) vector = symmetry().from_frame(vector);
-  return vectors;
-}
-
 std::vector<Vec3> GreenSystem::moved(std::span<const Vec3> displacements, const std::string& what) const {
   std::vector<Vec3> result = cage_.vertices();
-  for (const std::uint32_t v : columns_.vertices) result[v] = result[v] + displacements[v];
+  for (std::size_t v = 0; v < result.size(); ++v) result[v] = result[v] + displacements[v];
   for (std::size_t t = 0; t < normals_.size(); ++t) {
-    if (normals_[t].exists(corners(columns_.triangles[t], result))) continue;
+    const std::uint32_t triangle = columns_.triangles()[t];
+    if (normals_[t].exists(corners(triangle, result))) continue;
     std::string text;
-    for (const std::uint32_t v : cage_.triangles()[columns_.triangles[t]]) {
+    for (const std::uint32_t v : cage_.triangles()[triangle]) {
       text += (text.empty() ? "" : ", ") + std::to_string(whole_.vertices[v].control);
     }
     refuse_argument(what + ": moves vertices " + text + " of the cage onto a line; triangle " +
-                    std::to_string(whole_.triangles[columns_.triangles[t]]) +
-                    " then has no normal, which coordinates GREEN need");
+                    std::to_string(whole_.triangles[triangle].control) + " then has no normal, which coordinates GREEN need");
   }
   return result;
 }
@@ -280,27 +314,31 @@ std::vector<double> GreenSystem::adjoint(const std::vector<Vec3>& moved, const s
   }
   const auto sum = [&](std::size_t row) { return Vec3{sums[3 * row], sums[3 * row + 1], sums[3 * row + 2]}; };
 
-  std::vector<Vec3> of_vertices(cage_.size());
-  for (std::size_t v = 0; v < columns_.vertices.size(); ++v) of_vertices[columns_.vertices[v]] = sum(v);
-  for (std::size_t t = 0; t < columns_.triangles.size(); ++t) {
-    const Cage::Triangle& triangle = cage_.triangles()[columns_.triangles[t]];
-    Vec3 of_normal = sum(columns_.vertices.size() + t);
-    if (!symmetry().empty()) of_normal = symmetry().from_frame(of_normal);
-    const auto gradient = normals_[t].gradient(corners(columns_.triangles[t], moved), of_normal);
-    for (std::size_t k = 0; k < 3; ++k) of_vertices[triangle[k]] = of_vertices[triangle[k]] + in_frame(gradient[k]);
-  }
+  const auto whole_sum = [&](std::size_t column) {
+    Vec3 result{};
+    for (std::size_t p = 0; p < columns_.parts().size(); ++p) result = result + columns_.parts()[p].given(sum(column + p));
+    return result;
+  };
+
   std::vector<Vec3> of_controls(whole_.controls);
-  for (std::uint32_t v = 0; v < cage_.size(); ++v) {
-    const auto [control, image] = whole_.vertices[v];
-    of_controls[control] = of_controls[control] + symmetry().components_in(of_vertices[v], symmetry().inverse(image));
+  for (std::size_t v = 0; v < columns_.vertices().size(); ++v)
+    of_controls[columns_.vertices()[v]] = whole_sum(columns_.of_vertex(v));
+  for (std::size_t t = 0; t < columns_.triangles().size(); ++t) {
+    const std::uint32_t triangle = columns_.triangles()[t];
+    Vec3 of_normal = whole_sum(columns_.of_triangle(t));
+    if (!symmetry().empty()) of_normal = symmetry().from_frame(of_normal);
+    const auto gradient = normals_[t].gradient(corners(triangle, moved), of_normal);
+    for (std::size_t k = 0; k < 3; ++k) {
+      const auto [control, image] = whole_.vertices[cage_.triangles()[triangle][k]];
+      of_controls[control] = of_controls[control] + symmetry().components_in(in_frame(gradient[k]), symmetry().inverse(image));
+    }
   }
   return field_sums(regions_, fields_, sources_.transposed(of_controls, symmetry()));
 }
 
-std::size_t green_overhead_bytes(const WholeCage& whole, const ControlSources& sources) {
-  return whole.bytes() + sources.bytes() + whole.controls * sizeof(std::array<double, 4>) +
-         whole.cage.size() * (sizeof(std::uint32_t) + sizeof(Vec3)) +
-         whole.cage.triangles().size() * (sizeof(StretchedNormal) + sizeof(std::uint32_t));
+std::size_t green_overhead_bytes(const WholeCage& whole, const ControlSources& sources, const GreenColumns& columns) {
+  return whole.bytes() + sources.bytes() + columns.bytes() + whole.controls * (sizeof(std::array<double, 4>) + sizeof(Vec3)) +
+         columns.triangles().size() * sizeof(StretchedNormal);
 }
 
 }  // namespace deform

@@ -19,13 +19,38 @@
 
 namespace deform {
 
-/// The vertices of a cage that handles move, themselves or by their images, then the triangles that have one of them: what
-/// coordinates are kept of.
-struct GreenColumns {
-  std::vector<std::uint32_t> vertices, triangles;
+/// What coordinates are kept of: the vertices of the setup's cage that handles move, themselves or by their images, then its
+/// triangles that have one of them. Images move as their originals do, so their coordinates are added up: a column for each of
+/// the parts of a displacement that images take alike.
+class GreenColumns {
+ public:
+  GreenColumns(const WholeCage& whole, const ControlSources& sources, const Symmetry& symmetry);
 
-  GreenColumns(const WholeCage& whole, const ControlSources& sources);
-  std::size_t size() const { return vertices.size() + triangles.size(); }
+  const std::vector<std::uint32_t>& vertices() const { return vertices_; }  ///< of the setup's cage, ascending
+  /// Of the whole cage, the images 0, ascending.
+  const std::vector<std::uint32_t>& triangles() const { return triangles_; }
+  const std::vector<ComponentPart>& parts() const { return parts_; }
+  std::size_t size() const { return parts_.size() * (vertices_.size() + triangles_.size()); }
+  /// The first column of a vertex, or of a triangle, by its position in the lists; those of its parts follow.
+  std::size_t of_vertex(std::size_t position) const { return parts_.size() * position; }
+  std::size_t of_triangle(std::size_t position) const { return parts_.size() * (vertices_.size() + position); }
+  std::size_t bytes() const;
+
+  /// Adds up the coordinates of a place in the whole cage: out[column * stride].
+  void add_up(std::span<const double> phi, std::span<const double> psi, std::size_t stride, double* out) const;
+
+ private:
+  /// A vertex or triangle of the whole cage that moves.
+  struct Entry {
+    std::uint32_t number, position, image;
+  };
+  void add(const std::vector<Entry>& entries, std::size_t first, std::span<const double> values, std::size_t stride,
+           double* out) const;
+
+  std::vector<ComponentPart> parts_;
+  std::vector<std::uint32_t> vertices_, triangles_;
+  std::vector<Entry> vertex_entries_, triangle_entries_;
+  std::vector<double> factors_;  ///< images x parts
 };
 
 /// Handles move vertices of a cage, the other vertices stay, and the points of the mesh follow by Green coordinates: a point
@@ -67,10 +92,10 @@ class GreenSystem : public HandleSystem {
   void fill_info();
   const Symmetry& symmetry() const { return regions_.symmetry; }
   StretchedNormal::Corners corners(std::size_t triangle, std::span<const Vec3> of) const;
-  /// The displacements of all vertices of the whole cage in the frame of the symmetry or, for derivatives, their rates.
+  /// The displacements of the vertices of the setup's cage in the frame of the symmetry or, for derivatives, their rates.
   std::vector<Vec3> displacements(const BoundDesign& design, MotionKind kind) const;
-  /// In model coordinates and back.
-  std::vector<Vec3> in_model(std::vector<Vec3> vectors) const;
+  /// Those of the vertices of the whole cage, in model coordinates.
+  std::vector<Vec3> in_model(std::span<const Vec3> displacements) const;
   Vec3 in_frame(const Vec3& vector) const { return symmetry().empty() ? vector : symmetry().to_frame(vector); }
   /// The vertices moved by these. Throws Error(invalid_argument) that begins with `what` if a triangle has no normal any more.
   std::vector<Vec3> moved(std::span<const Vec3> displacements, const std::string& what) const;
@@ -92,13 +117,13 @@ class GreenSystem : public HandleSystem {
   const Green coordinates_;
   const ControlSources sources_;  ///< of the vertices of the setup's cage
   const GreenColumns columns_;
-  std::vector<StretchedNormal> normals_;       ///< of the triangles of columns_
+  std::vector<StretchedNormal> normals_;       ///< of columns_.triangles()
   std::vector<std::array<double, 4>> fields_;  ///< of its handle at each vertex of the setup's cage, unit coordinates
   std::optional<FieldTiles> stored_;           ///< n x columns
   double rounding_ = 0;                        ///< error of the coordinates
 };
 
 /// The memory of a GreenSystem besides its coordinates and what is proportional to the points.
-std::size_t green_overhead_bytes(const WholeCage& whole, const ControlSources& sources);
+std::size_t green_overhead_bytes(const WholeCage& whole, const ControlSources& sources, const GreenColumns& columns);
 
 }  // namespace deform

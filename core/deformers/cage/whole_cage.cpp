@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <array>
+#include <map>
 #include <utility>
 
 #include "core/base/error.h"
@@ -20,7 +21,7 @@ struct CageSurface {
   std::vector<ControlSources::Source> vertices;
   std::vector<Vec3> places;
   std::vector<Cage::Triangle> triangles;
-  std::vector<std::uint32_t> numbers;  ///< of the triangles
+  std::vector<ControlSources::Source> numbers;  ///< of the triangles, with their images
 
   std::uint32_t add(const ControlSources::Source& vertex, const Vec3& place) {
     vertices.push_back(vertex);
@@ -57,7 +58,74 @@ CageSurface mirrored(const CageSurface& half, const Symmetry& symmetry, std::siz
     const auto& [a, b, c] = half.triangles[t];
     whole.triangles.push_back({own[a], own[b], own[c]});
     whole.triangles.push_back({other[a], other[c], other[b]});
-    whole.numbers.insert(whole.numbers.end(), 2, half.numbers[t]);
+    const auto [number, image] = half.numbers[t];
+    whole.numbers.push_back({number, image});
+    whole.numbers.push_back({number, image ^ 1u << plane});
+  }
+  return whole;
+}
+
+/// Which triangles of a cage that ends in periodic boundaries lie in them, in pairs of a triangle and its image.
+std::vector<char> in_boundaries(const CageSurface& one, const std::vector<std::uint32_t>& next) {
+  const auto sorted = [](Cage::Triangle t) {
+    std::sort(t.begin(), t.end());
+    return t;
+  };
+  std::map<Cage::Triangle, std::size_t> number;
+  for (std::size_t t = 0; t < one.triangles.size(); ++t) number[sorted(one.triangles[t])] = t;
+  std::vector<char> result(one.triangles.size(), 0);
+  for (std::size_t t = 0; t < one.triangles.size(); ++t) {
+    const auto& [a, b, c] = one.triangles[t];
+    const auto is_matched = [&](std::uint32_t v) { return next[v] != ControlMatches::no_control; };
+    if (!is_matched(a) || !is_matched(b) || !is_matched(c)) continue;
+    const auto image = number.find(sorted({next[a], next[b], next[c]}));
+    if (image != number.end()) result[t] = result[image->second] = 1;
+  }
+  return result;
+}
+
+/// A cage that ends in periodic boundaries with its images in all sectors. `matches`: its vertices turned by one, and back.
+CageSurface turned_round(const CageSurface& one, const Symmetry& symmetry, const ControlMatches& matches) {
+  const auto n = static_cast<std::uint32_t>(one.places.size());
+  const std::vector<char> inside = in_boundaries(one, matches.images[0]);
+  // The vertex whose image one is, or itself.
+  std::vector<std::uint32_t> first(n);
+  for (std::uint32_t v = 0; v < n; ++v) {
+    const std::uint32_t back = matches.images[1][v];
+    const bool is_first = back == ControlMatches::no_control || (matches.sectors == 2 && v < back);
+    first[v] = is_first ? v : back;
+  }
+  std::vector<char> used(n, 0);
+  for (std::size_t t = 0; t < one.triangles.size(); ++t) {
+    for (const std::uint32_t v : one.triangles[t]) used[first[v]] |= inside[t] == 0 ? 1 : 0;
+  }
+  const auto on_axis = [&](std::uint32_t v) { return matches.images[0][v] == v; };
+  std::size_t size = 0;
+  for (std::uint32_t v = 0; v < n; ++v) size += used[v] == 0 ? 0 : on_axis(v) ? 1 : matches.sectors;
+  if (size > Cage::most_vertices) {
+    refuse_argument("method.cage: in all " + std::to_string(matches.sectors) + " sectors the cage has " + std::to_string(size) +
+                    " vertices, at most " + std::to_string(Cage::most_vertices) + " are possible");
+  }
+  CageSurface whole;
+  std::vector<std::uint32_t> number(n);  // of image 0
+  for (std::uint32_t v = 0; v < n; ++v) {
+    if (used[v] == 0) continue;
+    number[v] = static_cast<std::uint32_t>(whole.places.size());
+    for (unsigned image = 0; image < (on_axis(v) ? 1 : matches.sectors); ++image) {
+      whole.add({v, image}, symmetry.image(one.places[v], image));
+    }
+  }
+  for (unsigned image = 0; image < matches.sectors; ++image) {
+    const auto corner = [&](std::uint32_t v) {
+      const std::uint32_t of = first[v];
+      return number[of] + (on_axis(v) ? 0 : of == v ? image : symmetry.composed(image, 1));
+    };
+    for (std::size_t t = 0; t < one.triangles.size(); ++t) {
+      if (inside[t] != 0) continue;
+      const auto& [a, b, c] = one.triangles[t];
+      whole.triangles.push_back({corner(a), corner(b), corner(c)});
+      whole.numbers.push_back({one.numbers[t].control, image});
+    }
   }
   return whole;
 }
@@ -66,7 +134,9 @@ CageSurface mirrored(const CageSurface& half, const Symmetry& symmetry, std::siz
 
 std::vector<std::string> WholeCage::idle_notes(const Setup& setup, const SelectedRegions& regions) const {
   std::vector<char> left_out(controls, 1);
-  for (const auto& vertex : vertices) left_out[vertex.control] = 0;
+  for (const auto& vertex : vertices) {
+    for (const auto& [image, control] : matches.images_of(vertex.control)) left_out[control] = 0;
+  }
   std::vector<std::string> result;
   for (std::size_t h = 0; h < regions.handles.size(); ++h) {
     const auto& ids = regions.handles[h];
@@ -75,14 +145,13 @@ std::vector<std::string> WholeCage::idle_notes(const Setup& setup, const Selecte
     if (idle == 0) continue;
     result.push_back("Handle \"" + setup.handles[h].name +
                      "\": " + (idle == ids.size() ? "its vertices have" : std::to_string(idle) + " of its vertices have") +
-                     " only triangles in a symmetry plane, which are inside of the whole cage, and move nothing.");
+                     " only triangles where the cage ends, which are inside of the whole cage, and move nothing.");
   }
   return result;
 }
 
 std::size_t WholeCage::bytes() const {
-  return cage.bytes() + vertices.size() * sizeof(ControlSources::Source) + triangles.size() * sizeof(std::uint32_t) +
-         matches.bytes();
+  return cage.bytes() + (vertices.size() + triangles.size()) * sizeof(ControlSources::Source) + matches.bytes();
 }
 
 WholeCage whole_cage(const CageOptions& options, const Symmetry& symmetry) {
@@ -93,25 +162,35 @@ WholeCage whole_cage(const CageOptions& options, const Symmetry& symmetry) {
   CageSurface surface;
   for (std::uint32_t v = 0; v < controls; ++v) surface.add({v, 0}, given.vertices()[v]);
   surface.triangles = given.triangles();
-  for (std::uint32_t t = 0; t < surface.triangles.size(); ++t) surface.numbers.push_back(t);
-  if (planes.ends.empty()) {
+  for (std::uint32_t t = 0; t < surface.triangles.size(); ++t) surface.numbers.push_back({t, 0});
+  if (planes.ends.empty() && !planes.in_sector) {
     return {std::move(given), std::move(surface.vertices), std::move(surface.numbers), std::move(planes.matches), controls,
             std::move(notes)};
+  }
+  std::size_t copies = std::size_t{1} << planes.ends.size();
+  if (planes.in_sector) {
+    copies = planes.matches.sectors;
+    surface = turned_round(surface, symmetry, planes.matches);
   }
   for (const CagePlanes::End& end : planes.ends) {
     surface = mirrored(surface, symmetry, end.plane, planes.matches.images[end.plane]);
   }
-  const bool some_inside = surface.triangles.size() < given.triangles().size() << planes.ends.size();
+  const bool some_inside = surface.triangles.size() < copies * given.triangles().size();
   try {
     Cage cage(std::move(surface.places), std::move(surface.triangles));
-    notes.push_back("With its mirror images" + std::string(some_inside ? ", and without its triangles in symmetry planes," : "") +
-                    " it has " + std::to_string(cage.size()) + " vertices and " + std::to_string(cage.triangles().size()) +
-                    " triangles.");
-    return {std::move(cage), std::move(surface.vertices), std::move(surface.numbers), std::move(planes.matches), controls,
-            std::move(notes)};
+    notes.push_back(std::string("With its ") + (planes.in_sector ? "images in all sectors" : "mirror images") +
+                    (some_inside ? ", and without its triangles where it ends," : "") + " it has " + std::to_string(cage.size()) +
+                    " vertices and " + std::to_string(cage.triangles().size()) + " triangles.");
+    return {std::move(cage),
+            std::move(surface.vertices),
+            std::move(surface.numbers),
+            std::move(planes.matches),
+            controls,
+            std::move(notes),
+            true};
   } catch (const Error& error) {
     throw Error(error.code(),
-                std::string("method.cage: with its mirror images, which are numbered behind it, it is no cage: ") + error.what());
+                std::string("method.cage: with its images, which are numbered behind it, it is no cage: ") + error.what());
   }
 }
 

@@ -30,26 +30,42 @@ std::string images_text(unsigned image, unsigned sectors) {
 
 }  // namespace
 
-std::vector<unsigned> ControlMatches::matched() const {
-  std::vector<unsigned> result{0};
+std::vector<unsigned> ControlMatches::matched_planes() const {
   unsigned planes = 0;
-  for (std::size_t k = 0; k < images.size(); ++k) planes |= images[k].empty() ? 0u : 1u << k;
-  if (planes != 0 && sectors > 0) {
-    for (unsigned image = 1; image < sectors; ++image) result.push_back(image);
-    return result;
-  }
-  for (unsigned image = 1; image <= planes; ++image) {
+  for (std::size_t k = 0; k < images.size() && sectors == 0; ++k) planes |= images[k].empty() ? 0u : 1u << k;
+  std::vector<unsigned> result;
+  for (unsigned image = 0; image <= planes; ++image) {
     if ((image & ~planes) == 0) result.push_back(image);
   }
   return result;
 }
 
-std::uint32_t ControlMatches::image_of(std::uint32_t control, unsigned image) const {
-  for (unsigned turn = 0; sectors > 0 && turn < image; ++turn) control = images[0][control];
-  for (std::size_t k = 0; sectors == 0 && k < images.size() && control != no_control; ++k) {
-    if ((image >> k & 1u) != 0) control = images[k][control];
+bool ControlMatches::empty() const {
+  return std::all_of(images.begin(), images.end(), [](const auto& image) { return image.empty(); });
+}
+
+std::vector<ControlMatches::Image> ControlMatches::images_of(std::uint32_t control) const {
+  std::vector<Image> result;
+  if (sectors == 0) {
+    for (const unsigned image : matched_planes()) {
+      std::uint32_t at = control;
+      for (std::size_t k = 0; k < images.size() && at != no_control; ++k) {
+        if ((image >> k & 1u) != 0) at = images[k][at];
+      }
+      if (at != no_control) result.push_back({image, at});
+    }
+    return result;
   }
-  return control;
+  result.push_back({0, control});
+  if (images.empty()) return result;
+  unsigned turns = 1;
+  for (std::uint32_t at = images[0][control]; turns < sectors && at != no_control; at = images[0][at]) {
+    result.push_back({turns++, at});
+  }
+  if (images.size() > 1 && turns < sectors && images[1][control] != no_control) {
+    result.push_back({sectors - 1, images[1][control]});
+  }
+  return result;
 }
 
 std::size_t ControlMatches::bytes() const {
@@ -58,16 +74,57 @@ std::size_t ControlMatches::bytes() const {
   return bytes;
 }
 
+double ComponentPart::factor(const Symmetry& symmetry, unsigned image) const {
+  if (turn == Turn::cosine) return symmetry.sector().cosine(image);
+  if (turn == Turn::sine) return symmetry.sector().sine(image);
+  return odd >= 0 && (image >> odd & 1u) != 0 ? -1 : 1;
+}
+
+Vec3 ComponentPart::taken(const Vec3& u) const {
+  Vec3 result{};
+  const Vec3 from = turn == Turn::sine ? Vec3{0, -u[2], u[1]} : u;
+  for (const std::size_t k : components) result[k] = from[k];
+  return result;
+}
+
+Vec3 ComponentPart::given(const Vec3& u) const {
+  Vec3 result{};
+  for (const std::size_t k : components) result[k] = u[k];
+  return turn == Turn::sine ? Vec3{0, result[2], -result[1]} : result;
+}
+
+/// Those along normals of planes have one each, the others share one. Across the axis of a sector the images add up like complex
+/// numbers, and those of two sectors have no sines.
+std::vector<ComponentPart> component_parts(const Symmetry& symmetry, unsigned planes) {
+  using Turn = ComponentPart::Turn;
+  if (symmetry.is_sector()) {
+    std::vector<ComponentPart> result{{{0}}, {{1, 2}, -1, Turn::cosine}};
+    if (symmetry.sector().count() > 2) result.push_back({{1, 2}, -1, Turn::sine});
+    return result;
+  }
+  ComponentPart even;
+  std::vector<ComponentPart> odd;
+  for (std::size_t k = 0; k < 3; ++k) {
+    if (k < symmetry.planes() && (planes >> k & 1u) != 0) {
+      odd.push_back({{k}, static_cast<int>(k)});
+    } else {
+      even.components.push_back(k);
+    }
+  }
+  std::vector<ComponentPart> result;
+  if (!even.components.empty()) result.push_back(std::move(even));
+  result.insert(result.end(), odd.begin(), odd.end());
+  return result;
+}
+
 void check_images(const ControlMatches& matches, const Setup& setup, const SelectedRegions& regions) {
-  const std::vector<unsigned> images = matches.matched();
   for (std::size_t h = 0; h < regions.handles.size(); ++h) {
     for (const PointId p : regions.handles[h]) {
-      for (std::size_t i = 1; i < images.size(); ++i) {
-        const std::uint32_t q = matches.image_of(p, images[i]);
-        if (q == ControlMatches::no_control || !std::binary_search(regions.fixed.begin(), regions.fixed.end(), q)) continue;
+      for (const auto& [image, q] : matches.images_of(p)) {
+        if (!std::binary_search(regions.fixed.begin(), regions.fixed.end(), q)) continue;
         refuse_argument("handle \"" + setup.handles[h].name + "\": control point " + std::to_string(p) +
                         " moves, but control point " + std::to_string(q) + " is in a fixed region, and they are " +
-                        images_text(images[i], matches.sectors) + "; take either of them out with `difference`");
+                        images_text(image, matches.sectors) + "; take either of them out with `difference`");
       }
     }
   }
@@ -79,13 +136,11 @@ ControlSources::ControlSources(const ControlMatches& matches, std::size_t count,
   for (const auto& handle : regions.handles) {
     for (const PointId p : handle) moves[p] = 1;
   }
-  const std::vector<unsigned> images = matches.matched();
-  matched_ = images.size() > 1;
+  matched_ = !matches.empty();
   for (std::uint32_t p = 0; p < count; ++p) {
     first_.push_back(sources_.size());
-    for (const unsigned image : images) {
-      const std::uint32_t q = matches.image_of(p, image);
-      if (q != ControlMatches::no_control && moves[q] != 0) sources_.push_back({q, regions.symmetry.inverse(image)});
+    for (const auto& [image, q] : matches.images_of(p)) {
+      if (moves[q] != 0) sources_.push_back({q, regions.symmetry.inverse(image)});
     }
   }
   first_.push_back(sources_.size());

@@ -20,16 +20,37 @@ struct ControlMatches {
   static constexpr std::uint32_t no_control = ~std::uint32_t{0};
 
   /// For each symmetry plane that is matched the mirror image of each control point among them, or no_control; else empty. Of
-  /// sectors that are matched the images of control points turned by one sector; else none.
+  /// sectors that are matched the images of control points turned by one sector; where these are those of one sector only, also
+  /// turned back, and an image has no further one; else none.
   std::vector<std::vector<std::uint32_t>> images{};
   unsigned sectors = 0;  ///< of the wheel; 0 without a sector
 
-  /// The images in which control points are matched, ascending: 0, which is no image, and others.
-  std::vector<unsigned> matched() const;
-  /// What a control point is in one of these, or no_control.
-  std::uint32_t image_of(std::uint32_t control, unsigned image) const;
+  /// The subsets of planes that are matched, ascending; without planes only 0, which is no image.
+  std::vector<unsigned> matched_planes() const;
+  /// A control point in an image.
+  struct Image {
+    unsigned image;
+    std::uint32_t control;
+  };
+  /// The images of a control point that are control points, ascending, first itself.
+  std::vector<Image> images_of(std::uint32_t control) const;
+  bool empty() const;  ///< whether no control point has an image
   std::size_t bytes() const;
 };
+
+/// Components of displacements that images take alike: times a factor, if one alone is considered.
+struct ComponentPart {
+  std::vector<std::size_t> components;
+  int odd = -1;                                              ///< the plane along whose normal the component is
+  enum class Turn { none, cosine, sine } turn = Turn::none;  ///< across the axis of a sector; the sines are those of turned ones
+
+  double factor(const Symmetry& symmetry, unsigned image) const;
+  /// A displacement in the frame with these components only, those of sines turned by a quarter; and the transpose.
+  Vec3 taken(const Vec3& u) const;
+  Vec3 given(const Vec3& u) const;
+};
+/// The parts that make up displacements in the images of some planes (mask), or of a sector.
+std::vector<ComponentPart> component_parts(const Symmetry& symmetry, unsigned planes = 7);
 
 /// Throws Error(invalid_argument) if a control point is fixed and an image of it is in a handle.
 void check_images(const ControlMatches& matches, const Setup& setup, const SelectedRegions& regions);

@@ -102,38 +102,17 @@ std::vector<std::string> ControlSystem::idle_handles(const RunContext& context) 
   return names;
 }
 
-/// Those along normals of planes have one each, the others share one. Across the axis of a sector the images add up like complex
-/// numbers, and those of two sectors have no sines.
-std::vector<ControlSystem::Part> ControlSystem::parts(const Symmetry& symmetry) {
-  if (symmetry.is_sector()) {
-    std::vector<Part> result{{{0}}, {{1, 2}, -1, Part::Turn::cosine}};
-    if (symmetry.sector().count() > 2) result.push_back({{1, 2}, -1, Part::Turn::sine});
-    return result;
-  }
-  std::vector<Part> result;
-  if (symmetry.planes() < 3) result.emplace_back();
-  for (std::size_t k = symmetry.planes(); k < 3; ++k) result[0].components.push_back(k);
-  for (std::size_t k = 0; k < symmetry.planes(); ++k) result.push_back({{k}, static_cast<int>(k)});
-  return result;
-}
-
-double ControlSystem::factor(const Part& part, unsigned image) const {
-  if (part.turn == Part::Turn::cosine) return regions_.symmetry.sector().cosine(image);
-  if (part.turn == Part::Turn::sine) return regions_.symmetry.sector().sine(image);
-  return part.odd >= 0 && (image >> part.odd & 1u) != 0 ? -1 : 1;
-}
-
 void ControlSystem::prepare_basis(const EnergyOptions& options, const RunContext& context) {
-  const std::vector<Part> all = parts(regions_.symmetry);
+  const std::vector<ComponentPart> all = component_parts(regions_.symmetry);
   const std::size_t bytes = all.size() * HandleBasis::bytes_for(following().size(), fields(), options.basis_tolerance);
   if (!wants_basis(options.basis, bytes, 0)) return;
   context.progress("basis", 0);
-  for (const Part& part : all) add_part(part, options.basis_tolerance, context);
+  for (const ComponentPart& part : all) add_part(part, options.basis_tolerance, context);
 }
 
-void ControlSystem::add_part(const Part& part, double tolerance, const RunContext& context) {
+void ControlSystem::add_part(const ComponentPart& part, double tolerance, const RunContext& context) {
   HandleBasis basis{part.components, FieldTiles(following().size(), fields()), std::vector<double>(fields(), 0.0)};
-  basis.turned = part.turn == Part::Turn::sine;
+  basis.turned = part.turn == ComponentPart::Turn::sine;
   basis.more.assign(fields(), 0.0);
   for (std::size_t p = 0; p < fields_.size(); ++p) {
     for (std::size_t f = 0; f < 4 && moves(p); ++f) {
@@ -148,14 +127,14 @@ void ControlSystem::add_part(const Part& part, double tolerance, const RunContex
       const std::size_t last = std::min((t + 1) * tile_size, following().size());
       for (std::size_t s = t * tile_size; s < last; ++s) {
         // What is added up for points on the axis of a sector is zero but for rounding.
-        if (part.turn != Part::Turn::none && regions_.symmetry.sector().on_axis(following()[s])) continue;
+        if (part.turn != ComponentPart::Turn::none && regions_.symmetry.sector().on_axis(following()[s])) continue;
         for_each_image(following()[s], [&](std::size_t p, double value, unsigned image) {
           const std::span<const ControlSources::Source> from = sources_.of(p);
           if (from.empty()) return;
           const double share = value / static_cast<double>(from.size());
           for (const ControlSources::Source& source : from) {
             double* const at = out + first_field(source.control) * tile_size + s % tile_size;
-            const double weight = share * factor(part, regions_.symmetry.composed(source.image, image));
+            const double weight = share * part.factor(regions_.symmetry, regions_.symmetry.composed(source.image, image));
             for (std::size_t f = 0; f < 4; ++f) at[f * tile_size] += weight * fields_[source.control][f];
           }
         });

@@ -72,7 +72,7 @@ class ControlSystem : public HandleSystem {
                                          const RunContext& context) const override;
 
   /// How many bases the components of displacements need.
-  static std::size_t part_count(const Symmetry& symmetry) { return parts(symmetry).size(); }
+  static std::size_t part_count(const Symmetry& symmetry) { return component_parts(symmetry).size(); }
 
  private:
   friend class ControlEvaluation;
@@ -85,19 +85,7 @@ class ControlSystem : public HandleSystem {
   void check_motions(const BoundDesign& design, std::size_t index) const override;
   void check_motions(const std::vector<Affine>& derivative, const std::string& what) const override;
   void prepare_basis(const EnergyOptions& options, const RunContext& context);
-  /// Components of displacements that images take alike: times a factor, if one alone is considered.
-  struct Part {
-    std::vector<std::size_t> components;
-    int odd = -1;  ///< the plane along whose normal the component is
-    enum class Turn {
-      none,
-      cosine,
-      sine
-    } turn = Turn::none;  ///< across the axis of a sector; the sines are those of turned ones
-  };
-  static std::vector<Part> parts(const Symmetry& symmetry);
-  double factor(const Part& part, unsigned image) const;
-  void add_part(const Part& part, double tolerance, const RunContext& context);
+  void add_part(const ComponentPart& part, double tolerance, const RunContext& context);
   /// The rounding error of a displacement, as a fraction of the largest one of a control point.
   double rounding() const { return static_cast<double>(model_.images.size()) * model_.rounding; }
   void fill_info();

@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <cstdint>
 #include <functional>
@@ -19,6 +20,7 @@
 #include "core/base/vectors.h"
 #include "core/deformers/space_map.h"
 #include "core/deformers/system.h"
+#include "core/numerics/kernels/tiles.h"
 #include "tests/core/deformers/dense_controls.h"
 #include "tests/core/deformers/energy_cases.h"
 #include "tests/core/deformers/estimate_bounds.h"
@@ -85,7 +87,7 @@ WholeGreen whole_green(const CageOptions& given, std::size_t planes, unsigned en
       if (in_plane) continue;
       std::array<std::uint32_t, 3> of{};
       for (std::size_t c = 0; c < 3; ++c) of[c] = number(image(given.vertices[t[c]], g));
-      if (__builtin_popcount(g) % 2 != 0) std::swap(of[1], of[2]);
+      if (std::popcount(g) % 2 != 0) std::swap(of[1], of[2]);
       whole.cage.triangles.push_back(of);
     }
   }
@@ -193,9 +195,8 @@ TEST(GreenSymmetry, HalfCagesAreTheWholeOnes) {
           const auto system = prepare(scaled.half, scaled.setup);
           const auto moves = own_displacements(scaled.setup, *scaled.half, cage, bent);
           expect_whole(*system, *scaled.half, whole_across(cage, true, moves), bent, 1e-12 * unit);
-          EXPECT_THAT(
-              system->info().notes,
-              testing::Contains(testing::HasSubstr("triangles in symmetry planes, it has 22 vertices and 40 triangles.")));
+          EXPECT_THAT(system->info().notes,
+                      testing::Contains(testing::HasSubstr("triangles where it ends, it has 22 vertices and 40 triangles.")));
           EXPECT_EQ(system->info().functions, 14u);
           test::expect_bounds(estimate(*scaled.half, scaled.setup), system->info());
         }
@@ -256,6 +257,29 @@ TEST(GreenSymmetry, SeveralPlanesInAnyDirection) {
       EXPECT_GT(farthest, 0.02);
       EXPECT_LT(model.out_of_planes(got), 1e-14 * norm(model.frame.origin));
       test::expect_bounds(estimate(*model.half, setup), system->info());
+      // One column for each vertex and triangle that moves, and one more for each plane in which the cage ends.
+      std::vector<char> moved;
+      for (const Vec3& x : cage.vertices) {
+        moved.push_back(0);
+        for (std::size_t w = 0; w < whole.cage.vertices.size(); ++w) {
+          const bool same = distance(whole.cage.vertices[w], x) < 1e-9;
+          moved.back() = same && norm(whole.displacements[w]) > 0 ? 1 : moved.back();
+        }
+      }
+      auto expected_columns = static_cast<std::size_t>(std::count(moved.begin(), moved.end(), 1));
+      for (const auto& t : cage.triangles) {
+        bool inside = false;
+        for (std::size_t k = 0; k < planes; ++k) {
+          inside = inside || ((ends >> k & 1u) != 0 && local.vertices[t[0]][k] == 0 && local.vertices[t[1]][k] == 0 &&
+                              local.vertices[t[2]][k] == 0);
+        }
+        expected_columns += !inside && (moved[t[0]] != 0 || moved[t[1]] != 0 || moved[t[2]] != 0) ? 1 : 0;
+      }
+      expected_columns *= std::min(3, 1 + std::popcount(ends));  // with three planes nothing is along all of them
+      std::get<CageOptions>(setup.method).basis = BasisMode::never;
+      const std::size_t columns = (system->info().bytes - prepare(model.half, setup)->info().bytes) / sizeof(double) /
+                                  (tile_count(model.half->point_count()) * tile_size);
+      EXPECT_EQ(columns, expected_columns);
     }
   }
 }
@@ -309,7 +333,7 @@ TEST(GreenSymmetry, SaysWhichVerticesMoveNothing) {
   deform::Setup setup = cage_setup(green_of(pyramids(cage_cut, cage_high)));
   setup.variables.resize(2);
   setup.handles[1].region = control_ids({10});  // in the middle of the face in the plane
-  const auto idle = testing::HasSubstr("Handle \"middle\": its vertices have only triangles in a symmetry plane");
+  const auto idle = testing::HasSubstr("Handle \"middle\": its vertices have only triangles where the cage ends");
   const auto system = prepare(half, setup);
   EXPECT_THAT(system->info().notes, testing::Contains(idle));
   EXPECT_THAT(estimate(*half, setup).notes, testing::Contains(idle));
@@ -407,8 +431,7 @@ TEST(GreenSymmetry, RefusesCagesThatTheirImagesDoNotClose) {
   setup.handles.pop_back();
   setup.variables.clear();
   setup.fixed.clear();
-  test::expect_error(ErrorCode::invalid_argument,
-                     {"method.cage", "with its mirror images", "vertices[6]", "meet at this vertex only"},
+  test::expect_error(ErrorCode::invalid_argument, {"method.cage", "with its images", "vertices[6]", "meet at this vertex only"},
                      [&] { prepare(shared(test::bumpy_sheet(23, 12)), setup); });
 }
 
@@ -481,6 +504,214 @@ TEST(GreenSectors, ACageAroundTheWheelMovesWithItsImages) {
       EXPECT_LT(test::distance(out, got), rounding);
     }
   }
+}
+
+/// One sector of a can, with faces in the planes through the axis that its walls end in. With a hub there is an inner wall around
+/// the axis; the faces in the planes have a vertex in the middle. `vertex(i, z, inner)`: numbers by angle, height and radius.
+struct Wedge {
+  Wedge(const test::SectorModel& model, std::uint32_t sides, double outer, double inner) : steps(sides + 1), hub(inner > 0) {
+    options = green_of({});
+    const double angle = 2 * std::numbers::pi / static_cast<double>(sides * model.shape.count);
+    for (const double radius : {outer, inner}) {
+      for (const double z : {-0.3, 1.2}) {
+        for (std::uint32_t i = 0; i < (radius > 0 ? steps : 1); ++i) {
+          options.vertices.push_back(model.frame.point({z, radius * std::cos(angle * i), radius * std::sin(angle * i)}));
+        }
+      }
+    }
+    for (const std::uint32_t i : {0u, sides}) {
+      const double radius = 0.5 * (outer + inner);
+      options.vertices.push_back(model.frame.point({0.4, radius * std::cos(angle * i), radius * std::sin(angle * i)}));
+    }
+    const auto middle = static_cast<std::uint32_t>(options.vertices.size() - 2);
+    const auto quad = [&](std::uint32_t a, std::uint32_t b, std::uint32_t c, std::uint32_t d) {
+      for (const Cage::Triangle& t : {Cage::Triangle{a, b, c}, {a, c, d}}) {
+        if (t[0] != t[1] && t[1] != t[2] && t[2] != t[0]) options.triangles.push_back(t);
+      }
+    };
+    for (std::uint32_t i = 0; i < sides; ++i) {
+      quad(at(i, 0, false), at(i + 1, 0, false), at(i + 1, 1, false), at(i, 1, false));
+      if (hub) quad(at(i, 0, true), at(i, 1, true), at(i + 1, 1, true), at(i + 1, 0, true));
+      quad(at(i, 0, false), at(i, 0, true), at(i + 1, 0, true), at(i + 1, 0, false));
+      quad(at(i, 1, false), at(i + 1, 1, false), at(i + 1, 1, true), at(i, 1, true));
+    }
+    for (const std::uint32_t i : {0u, sides}) {
+      const std::array<std::uint32_t, 4> round{at(i, 0, false), at(i, 1, false), at(i, 1, true), at(i, 0, true)};
+      for (std::size_t k = 0; k < 4; ++k) {
+        Cage::Triangle t{round[k], round[(k + 1) % 4], middle + (i == 0 ? 0 : 1)};
+        if (i != 0) std::swap(t[0], t[1]);
+        options.triangles.push_back(t);
+      }
+    }
+  }
+  std::uint32_t at(std::uint32_t i, std::uint32_t z, bool inner) const {
+    return inner ? 2 * steps + (hub ? z * steps + i : z) : z * steps + i;
+  }
+
+  CageOptions options;
+  std::uint32_t steps;
+  bool hub;
+};
+
+/// The wedge in all sectors, by the places of vertices, and what its vertices do; triangles between planes through the axis only.
+WholeGreen whole_wheel(const test::SectorModel& model, const CageOptions& wedge, const std::vector<Vec3>& moves) {
+  WholeGreen whole{wedge, {}};
+  whole.cage.vertices.clear();
+  whole.cage.triangles.clear();
+  const auto angle_of = [&](std::uint32_t v) {
+    const Vec3 d = wedge.vertices[v] - model.frame.origin;
+    return std::pair{std::hypot(dot(d, model.frame.axes[1]), dot(d, model.frame.axes[2])),
+                     std::atan2(dot(d, model.frame.axes[2]), dot(d, model.frame.axes[1]))};
+  };
+  const double pitch = 2 * std::numbers::pi / static_cast<double>(model.shape.count);
+  for (std::size_t g = 0; g < model.shape.count; ++g) {
+    for (const auto& t : wedge.triangles) {
+      const auto in = [&](double boundary) {
+        return std::all_of(t.begin(), t.end(), [&](std::uint32_t v) {
+          const auto [radius, angle] = angle_of(v);
+          return radius < 1e-9 || std::abs(std::remainder(angle - boundary, 2 * std::numbers::pi)) < 1e-9;
+        });
+      };
+      if (in(0) || in(pitch)) continue;
+      std::array<std::uint32_t, 3> of{};
+      for (std::size_t c = 0; c < 3; ++c) {
+        const Vec3 x = model.turned_point(wedge.vertices[t[c]], static_cast<double>(g));
+        const auto known = std::find_if(whole.cage.vertices.begin(), whole.cage.vertices.end(),
+                                        [&](const Vec3& y) { return distance(x, y) < 1e-9; });
+        of[c] = static_cast<std::uint32_t>(known - whole.cage.vertices.begin());
+        if (known != whole.cage.vertices.end()) continue;
+        whole.cage.vertices.push_back(x);
+        whole.displacements.emplace_back();
+      }
+      whole.cage.triangles.push_back(of);
+    }
+  }
+  for (std::size_t g = 0; g < model.shape.count; ++g) {
+    for (std::size_t v = 0; v < moves.size(); ++v) {
+      if (norm(moves[v]) == 0) continue;
+      const Vec3 x = model.turned_point(wedge.vertices[v], static_cast<double>(g));
+      const Vec3 to = model.turned_point(wedge.vertices[v] + moves[v], static_cast<double>(g));
+      for (std::size_t w = 0; w < whole.cage.vertices.size(); ++w) {
+        if (distance(whole.cage.vertices[w], x) < 1e-9) whole.displacements[w] = to - x;
+      }
+    }
+  }
+  return whole;
+}
+
+TEST(GreenSectors, CagesOfOneSectorAreTheWholeOnes) {
+  for (const std::size_t count : {2, 3, 8, 20}) {
+    for (const bool hub : {false, true}) {
+      SCOPED_TRACE(testing::Message() << count << " sectors, hub " << hub);
+      test::SectorModel model({count, hub ? 0.4 : 0.0, count}, test::oblique());
+      const test::Frame& frame = model.frame;
+      const std::uint32_t sides = count == 2 ? 4 : 2;
+      const Wedge wedge(model, sides, 2.2, hub ? 0.25 : 0);
+      model.setup.variables = {{"along", "blade", DesignVariable::Translate{frame.axes[0] + 0.3 * frame.axes[1]}},
+                               {"turn", "blade", DesignVariable::Rotate{frame.axes[2], frame.point({0.4, 0.7, 0})}},
+                               {"grow", "blade", DesignVariable::Scale{frame.point({0.4, 0.7, 0}), frame.axes[1]}},
+                               {"stagger", "blade", DesignVariable::Rotate{frame.axes[1], frame.point({0.4, 0.7, 0})}}};
+      model.setup.fixed.clear();
+      model.setup.method = wedge.options;
+      // Between the boundaries, and on either of them.
+      model.setup.handles[0].region = control_ids({wedge.at(1, 1, false), wedge.at(0, 0, false)});
+      const Design design{{0.1, 0.15, 0.2, -0.1}, {}};
+      for (const bool second : {false, true}) {
+        if (second) model.setup.handles[0].region = control_ids({wedge.at(1, 1, false), wedge.at(sides, 0, false)});
+        const auto moves = own_displacements(model.setup, *model.sector, wedge.options, design);
+        const WholeGreen whole = whole_wheel(model, wedge.options, moves);
+        const Points expected = moved_in(whole.cage, *model.sector, whole.displacements);
+        const auto system = prepare(model.sector, model.setup);
+        const Points got = system->evaluate(design);
+        const double rounding = 1e-14 * (2 * bounding_box(whole.cage.vertices).diagonal() + norm(frame.origin));
+        EXPECT_LT(test::distance(got, expected), 1e-12);
+        EXPECT_GT(test::distance(got, model.sector->points), 0.01);
+        EXPECT_LE(model.out_of_turn(got), rounding);
+        test::check_jacobians(*system, 1e-12, 1e-8);
+        test::expect_bounds(estimate(*model.sector, model.setup), system->info());
+        EXPECT_THAT(system->info().notes, testing::Contains(testing::HasSubstr("With its images in all sectors, and without")));
+        EXPECT_THAT(system->info().notes, testing::Not(testing::Contains(testing::HasSubstr("move nothing"))));
+        CageOptions computed = wedge.options;
+        computed.basis = BasisMode::never;
+        deform::Setup setup = model.setup;
+        setup.method = computed;
+        EXPECT_EQ(prepare(model.sector, setup)->evaluate(design), got);
+        // Coordinates of images are added up: three for each vertex and triangle, however many sectors there are.
+        const std::size_t columns = (system->info().bytes - prepare(model.sector, setup)->info().bytes) / sizeof(double) /
+                                    (tile_count(model.sector->point_count()) * tile_size);
+        EXPECT_LE(columns, 3 * (2 + wedge.options.triangles.size()));
+      }
+      // Both boundaries, moved alike and not.
+      model.setup.variables.clear();
+      model.setup.handles = {{"first", control_ids({wedge.at(0, 0, false)})},
+                             {"second", control_ids({wedge.at(sides, 0, false)})}};
+      const Vec3 u = frame.vector({0.1, 0.2, -0.1});
+      const Vec3 x = wedge.options.vertices[wedge.at(0, 0, false)];
+      const Vec3 turned = model.turned_point(x + u, 1) - model.turned_point(x, 1);
+      const auto system = prepare(model.sector, model.setup);
+      const Points both = system->evaluate({{}, {{0, std::vector<Vec3>{u}}, {1, std::vector<Vec3>{turned}}}});
+      model.setup.handles.pop_back();
+      EXPECT_LT(test::distance(prepare(model.sector, model.setup)->evaluate({{}, {{0, std::vector<Vec3>{u}}}}), both), 1e-13);
+      test::expect_error(ErrorCode::invalid_argument, {"designs[0]", "images of each other by 1 sector", "their motions are not"},
+                         [&] {
+                           system->evaluate({{}, {{0, std::vector<Vec3>{u}}, {1, std::vector<Vec3>{u}}}});
+                         });
+      model.setup.fixed = {control_ids({wedge.at(sides, 0, false)})};
+      test::expect_error(ErrorCode::invalid_argument, {"\"first\"", "is in a fixed region", "images of each other by 1 sector"},
+                         [&] { prepare(model.sector, model.setup); });
+    }
+  }
+}
+
+// Exactly, where the axis is a coordinate axis.
+TEST(GreenSectors, PointsOnTheAxisMoveAlongIt) {
+  test::SectorModel model({3, 0.0, 2});
+  const Wedge wedge(model, 2, 2.2, 0);
+  model.setup.fixed.clear();
+  model.setup.method = wedge.options;
+  model.setup.handles[0].region = control_ids({wedge.at(1, 1, false)});
+  model.setup.variables = {{"up", "blade", DesignVariable::Translate{{0.3, 0.2, 0.1}}}};
+  const auto system = prepare(model.sector, model.setup);
+  const Points got = system->evaluate(Design{{0.5}, {}});
+  const Points rate = system->jacobian_vector(std::vector<double>{0.5}, std::vector<double>{1}, {});
+  Points across(got.size());
+  ASSERT_FALSE(model.axis.empty());
+  for (const PointId id : model.axis) {
+    EXPECT_NE(got[id][0], model.sector->points[id][0]);
+    EXPECT_EQ(got[id][1], model.sector->points[id][1]);
+    EXPECT_EQ(got[id][2], model.sector->points[id][2]);
+    EXPECT_EQ(rate[id], (Vec3{rate[id][0], 0, 0}));
+    across[id] = {0, 0.3, -0.7};
+  }
+  EXPECT_EQ(system->vector_jacobian(std::vector<double>{0.5}, across, {}), std::vector<double>{0});
+}
+
+TEST(GreenSectors, RefusesCagesOfOneSectorThatDoNotFit) {
+  test::SectorModel model({5, 0.4, 1});
+  const Wedge wedge(model, 2, 2.2, 0.25);
+  model.setup.fixed.clear();
+  model.setup.handles[0].region = control_ids({wedge.at(1, 1, false)});
+  const auto refused = [&](const CageOptions& cage, const std::vector<const char*>& words) {
+    model.setup.method = cage;
+    test::expect_error(ErrorCode::invalid_argument, words, [&] { prepare(model.sector, model.setup); });
+  };
+  CageOptions cage = wedge.options;
+  cage.coordinates = CageCoordinates::mean_value;
+  refused(cage, {"method.cage", "ends in the periodic boundaries", "MEAN_VALUE", "GREEN"});
+  refused(Wedge(model, 2, 0.8, 0.25).options, {"GREEN", "lie outside"});
+  model.setup.handles[0].region = control_ids({wedge.at(2, 1, false)});
+  model.setup.fixed = {control_ids({wedge.at(0, 1, false)})};
+  refused(wedge.options, {"\"blade\"", "is in a fixed region", "images of each other by 4 sectors"});
+  model.setup.fixed.clear();
+  const Wedge wide(test::SectorModel({4, 0.4, 1}), 2, 2.2, 0.25);
+  refused(wide.options, {"method.cage", "wheel of 5 sectors", "has no image"});
+  test::SectorModel many({3000, 0.4, 1});
+  const Wedge thin(many, 2, 2.2, 0.25);
+  many.setup.fixed.clear();
+  many.setup.handles[0].region = control_ids({0});
+  many.setup.method = thin.options;
+  test::expect_error(ErrorCode::invalid_argument, {"method.cage", "3000 sectors", "24000 vertices", "10000"},
+                     [&] { prepare(many.sector, many.setup); });
 }
 
 TEST(GreenSectors, RefusesOtherCages) {
