@@ -55,9 +55,6 @@ void validate_method(const Setup& setup, const Mesh& mesh, Problems& problems) {
     problems.check("method", [&] {
       if (setup.symmetry.empty()) return;
       if (keeps_symmetry(setup)) return;
-      if (selects_controls(setup)) {
-        refuse("symmetry", "symmetry planes with control CONTROLS and coordinates GREEN", "coordinates MEAN_VALUE");
-      }
       // Their samples are not symmetric, and the mean over the images leaves the shapes by as much.
       constexpr bool sampled =
           std::is_same_v<typename M::Options, SubspaceOptions> || std::is_same_v<typename M::Options, MlsOptions>;
@@ -93,13 +90,8 @@ bool selects_controls(const Setup& setup) {
 }
 
 bool keeps_symmetry(const Setup& setup) {
-  return with_method(setup, []<Method M>([[maybe_unused]] const typename M::Options& options) {
-    if constexpr (requires { M::keeps_symmetry(options); }) {
-      return M::features.symmetry || M::keeps_symmetry(options);
-    } else {
-      return M::features.symmetry;
-    }
-  });
+  const bool own = with_method(setup, []<Method M>(const typename M::Options&) { return M::features.symmetry; });
+  return own || selects_controls(setup);
 }
 
 ControlSet controls_of(const Setup& setup, const Mesh& mesh, const Symmetry& symmetry) {

@@ -54,8 +54,8 @@ bool selects_controls(const Setup& setup);
 ControlSet controls_of(const Setup& setup, const Mesh& mesh, const Symmetry& symmetry);
 /// Where they are at rest, model units; empty for methods without `static std::vector<Vec3> control_places(...)`.
 std::vector<Vec3> control_places(const Setup& setup, const Mesh& mesh, const Symmetry& symmetry);
-/// Whether the method of the setup has symmetry planes of its own: MethodFeatures::symmetry, or with these options
-/// `static bool keeps_symmetry(const Options&)`.
+/// Whether the method of the setup has symmetry planes of its own: MethodFeatures::symmetry, or handles that select control
+/// points, which move with the images of these.
 bool keeps_symmetry(const Setup& setup);
 
 /// The points that become centres of an RBF system, ascending. std::nullopt for other methods, and if the preparation chooses

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "tests/bench/peak_cases.h"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdint>
@@ -63,6 +64,7 @@ Setup wide_basis() {
 
 constexpr std::array<std::size_t, 3> lattice_points{12, 8, 8};
 constexpr std::uint32_t cage_sides = 24;
+constexpr double beside_body = -0.4;
 
 FfdOptions lattice(FfdControl control) {
   FfdOptions options;
@@ -86,6 +88,18 @@ CageOptions cage(CageControl control, CageCoordinates coordinates) {
   options.control = control;
   options.coordinates = coordinates;
   return options;
+}
+
+/// That of a half model, closed in its plane beside the body.
+CageOptions half_cage() {
+  CageOptions options = cage(CageControl::controls, CageCoordinates::green);
+  for (Vec3& x : options.vertices) x[1] = std::max(x[1], beside_body);
+  return options;
+}
+
+Setup with_plane(Setup setup) {
+  setup.symmetry = {{SymmetryPlane::Plane{{0, beside_body, 0}, {0, 1, 0}}}};
+  return setup;
 }
 
 /// Handles are single control points, or vertices of a cage.
@@ -202,6 +216,7 @@ const std::vector<PeakCase>& peak_cases() {
       {"cage_mesh", [] { return body(200000); }, [] { return body_setup(cage(CageControl::mesh, CageCoordinates::mean_value)); }},
       {"cage_green", [] { return body(200000); },
        [] { return by_controls(cage(CageControl::controls, CageCoordinates::green), 12); }},
+      {"cage_green_half", [] { return body(200000); }, [] { return with_plane(by_controls(half_cage(), 12)); }},
   };
   return cases;
 }

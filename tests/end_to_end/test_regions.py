@@ -352,6 +352,56 @@ class Regions(EndToEnd):
         self.fails(1, "prepare", self.write("out.yaml", green.replace("cage.obj", "far.obj")), "--check", says=["GREEN", "outside", "the first is 0"])
         self.fails(1, "prepare", self.write("by_mesh.yaml", green.replace("GREEN}", "GREEN, control: MESH}")), says=["GREEN", "CONTROLS"])
 
+    def test_half_cage(self):
+        """Green coordinates of a half model in its half cage against the whole cage."""
+        steps = [(i, j) for j in range(9) for i in range(13)]
+        at = lambda i, j: 13 * j + i + 1
+        self.write("half.obj", "".join("v %r %r %r\n" % (i / 12, j / 20, 0.1 * math.sin(i)) for i, j in steps) + "".join(
+            "f %d %d %d %d\n" % (at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)) for i, j in steps if i < 12 and j < 8))
+        corners = [(x, y, z) for z in (-0.4, 0.5) for y in (0.0, 0.6) for x in (-0.2, 1.2)]
+        quads = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
+        triangles = [t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))]
+        image = {v: v if y == 0 else 8 + sum(c[1] != 0 for c in corners[:v]) for v, (x, y, z) in enumerate(corners)}
+        outer = [t for t in triangles if any(corners[v][1] != 0 for v in t)]
+        whole = outer + [(image[a], image[c], image[b]) for a, b, c in outer]
+        write = lambda name, vertices, faces: self.write(
+            name, "".join("v %r %r %r\n" % c for c in vertices) + "".join("f %d %d %d\n" % tuple(i + 1 for i in t) for t in faces))
+        write("cage.obj", corners, triangles)
+        write("whole_cage.obj", corners + [(x, -y, z) for x, y, z in corners if y != 0], whole)
+        plane = "symmetry: [{point: [0, 0, 0], normal: [0, 1, 0]}]\n"
+        head = "geometry: half.obj\nmethod: {cage: {file: cage.obj, coordinates: GREEN}}\nhandles:\n"
+        handles = "  - {name: tail, region: {control: {ids: [3, 7]}}}\n  - {name: end, region: {control: {ids: [1]}}}\n"
+        variables = "variables:\n  - {name: tail, handle: tail, translate: [0.1, 0.3, 1]}\n  - {name: end, handle: end, translate: [1, 0, 0.5]}\n"
+        self.write("half.yaml", head + handles + variables + plane)
+        self.write("whole.yaml", head.replace("cage.obj", "whole_cage.obj") + handles + "  - {name: image, region: {control: {ids: [%d, %d]}}}\n" %
+                   (image[3], image[7]) + variables + "  - {name: image, handle: image, translate: [0.1, -0.3, 1]}\n")
+        self.start_server()
+        self.assertIn("With its mirror images, and without its triangles where it ends, it has 12 vertices and 20 triangles",
+                      self.deform("prepare", "half.yaml", "--check").out)
+        values = ["--set", "tail=0.3", "--set", "end=0.2"]
+        self.deform("apply", "half.yaml", *values, "-o", "half_out.obj")
+        self.deform("apply", "whole.yaml", *values, "--set", "image=0.3", "-o", "whole_out.obj")
+        points = lambda name: [tuple(map(float, line.split()[1:4])) for line in read_bytes(self.path(name)).decode().splitlines()
+                               if line.startswith("v ")]
+        rest, half, of_whole = points("half.obj"), points("half_out.obj"), points("whole_out.obj")
+        self.assertGreater(max(math.dist(x, y) for x, y in zip(rest, half)), 0.05)
+        for x, a, b in zip(rest, half, of_whole):
+            self.assertLess(math.dist(a, b), 2e-6)
+            self.assertEqual(a[1] == 0, x[1] == 0)
+        compared = self.deform("compare", "half.yaml", "--methods", "cage", *values, "--json").json["methods"]
+        self.assertEqual([bool(row.get("refused")) for row in compared], [False])
+        # The cage that is made for it.
+        made = lambda ids: head.replace("file: cage.obj", "generate: {kind: BOX, points: 28}") + \
+            "  - {name: tail, region: {control: {ids: %r}}}\n" % ids + variables.rsplit("\n", 2)[0] + "\n" + plane
+        self.deform("lattice", self.write("made.yaml", made([0])), "-o", "made.vtp")
+        places = read_vtp(self.path("made.vtp"))[0]["Points"]
+        self.assertEqual(min(y for x, y, z in places), 0)
+        side = [i for i, (x, y, z) in enumerate(places) if y == max(y for x, y, z in places)]
+        self.deform("apply", self.write("made.yaml", made(side)), "--set", "tail=0.1", "-o", "made.obj")
+        self.assertGreater(max(math.dist(x, y) for x, y in zip(rest, points("made.obj"))), 0.02)
+        for x, a in zip(rest, points("made.obj")):
+            self.assertEqual(a[1] == 0, x[1] == 0)
+
     # ---- volumes ----
 
     def cube(self, n):

@@ -23,31 +23,25 @@ constexpr std::size_t cut_points_per_task = 64;
 
 std::string plane_name(std::size_t k) { return "symmetry[" + std::to_string(k) + "]"; }
 
-/// A plane in which a cage ends.
-struct End {
-  std::size_t plane;
-  double side;  ///< of the cage: 1, that of the mesh, or -1
-};
-
 /// Places on the side of a cage that ends in planes.
 class CageSides {
  public:
-  CageSides(Symmetry symmetry, std::vector<End> ends) : symmetry_(std::move(symmetry)), ends_(std::move(ends)) {}
+  CageSides(Symmetry symmetry, std::vector<CagePlanes::End> ends) : symmetry_(std::move(symmetry)), ends_(std::move(ends)) {}
 
   /// The planes (mask) in which a place must be reflected to be there.
   unsigned away(const Vec3& place) const {
     const Vec3 at = symmetry_.coordinates(place);
     unsigned planes = 0;
-    for (const End& end : ends_) {
+    for (const CagePlanes::End& end : ends_) {
       if (end.side * at[end.plane] < -symmetry_.reach(end.plane)) planes |= 1u << end.plane;
     }
     return planes;
   }
-  std::size_t bytes() const { return sizeof *this + ends_.size() * sizeof(End); }
+  std::size_t bytes() const { return sizeof *this + ends_.size() * sizeof(CagePlanes::End); }
 
  private:
   const Symmetry symmetry_;
-  const std::vector<End> ends_;
+  const std::vector<CagePlanes::End> ends_;
 };
 
 /// The functions of a cage that ends in planes, on its side of them.
@@ -77,10 +71,45 @@ class OneSide : public SpaceFunctions {
   const std::size_t placed_;
 };
 
+/// For each vertex of a cage the one that is its image, or no_control.
+std::vector<std::uint32_t> vertex_images(const Cage& cage, const std::function<Vec3(const Vec3&)>& reflect, double tolerance) {
+  const std::vector<Vec3>& at = cage.vertices();
+  std::vector<std::uint32_t> order(at.size());  // ascending in x
+  std::iota(order.begin(), order.end(), 0u);
+  std::sort(order.begin(), order.end(), [&](std::uint32_t a, std::uint32_t b) { return at[a] < at[b]; });
+  std::vector<std::uint32_t> result;
+  for (std::uint32_t v = 0; v < at.size(); ++v) {
+    const Vec3 place = reflect(at[v]);
+    auto found = std::lower_bound(order.begin(), order.end(), place[0] - tolerance,
+                                  [&](std::uint32_t a, double x) { return at[a][0] < x; });
+    while (found != order.end() && at[*found][0] <= place[0] + tolerance && distance(at[*found], place) > tolerance) ++found;
+    const bool known = found != order.end() && at[*found][0] <= place[0] + tolerance;
+    result.push_back(known ? *found : ControlMatches::no_control);
+  }
+  return result;
+}
+
+/// `next` of a cage of one sector: the images of its vertices, by one turn and back. Empty if it does not end in periodic
+/// boundaries: fewer than three vertices off the axis have an image, or an image has one of its own.
+std::vector<std::vector<std::uint32_t>> ends_in_sector(const std::vector<std::uint32_t>& next, std::size_t count) {
+  std::vector<std::uint32_t> previous(next.size(), ControlMatches::no_control);
+  std::size_t pairs = 0;
+  for (std::uint32_t v = 0; v < next.size(); ++v) {
+    if (next[v] == ControlMatches::no_control) continue;
+    previous[next[v]] = v;
+    if (next[v] == v) continue;
+    ++pairs;
+    const std::uint32_t further = next[next[v]];
+    if (further != ControlMatches::no_control && !(count == 2 && further == v)) return {};
+  }
+  if (pairs < (count == 2 ? 6 : 3)) return {};
+  return {next, previous};
+}
+
 /// In which vertices of a cage on one side of a plane are images of themselves, the others have none; empty for other cages.
 std::vector<std::uint32_t> ends_in_plane(const Cage& cage, const Symmetry& symmetry, std::size_t plane, double side,
                                          double tolerance) {
-  std::vector<std::uint32_t> image(cage.size(), ControlModel::no_control);
+  std::vector<std::uint32_t> image(cage.size(), ControlMatches::no_control);
   for (std::uint32_t v = 0; v < cage.size(); ++v) {
     const double height = side * symmetry.coordinates(cage.vertices()[v])[plane];
     if (height < -tolerance) return {};
@@ -105,20 +134,10 @@ std::shared_ptr<const Mesh> placed(const std::shared_ptr<const Mesh>& mesh, cons
 }  // namespace
 
 CageImages cage_images(const Cage& cage, const std::function<Vec3(const Vec3&)>& reflect, double tolerance) {
-  const std::vector<Vec3>& at = cage.vertices();
-  std::vector<std::uint32_t> order(at.size());  // ascending in x
-  std::iota(order.begin(), order.end(), 0u);
-  std::sort(order.begin(), order.end(), [&](std::uint32_t a, std::uint32_t b) { return at[a] < at[b]; });
-  CageImages result;
-  for (std::uint32_t v = 0; v < at.size(); ++v) {
-    const Vec3 place = reflect(at[v]);
-    auto found = std::lower_bound(order.begin(), order.end(), place[0] - tolerance,
-                                  [&](std::uint32_t a, double x) { return at[a][0] < x; });
-    while (found != order.end() && at[*found][0] <= place[0] + tolerance && distance(at[*found], place) > tolerance) ++found;
-    if (found == order.end() || at[*found][0] > place[0] + tolerance) {
-      return {{}, "vertex " + std::to_string(v) + " has no image"};
-    }
-    result.image.push_back(*found);
+  CageImages result{vertex_images(cage, reflect, tolerance), {}};
+  const auto none = std::find(result.image.begin(), result.image.end(), ControlMatches::no_control);
+  if (none != result.image.end()) {
+    return {{}, "vertex " + std::to_string(none - result.image.begin()) + " has no image"};
   }
   const auto sorted = [](Cage::Triangle t) {
     std::sort(t.begin(), t.end());
@@ -136,23 +155,27 @@ CageImages cage_images(const Cage& cage, const std::function<Vec3(const Vec3&)>&
   return result;
 }
 
-CageControls cage_controls(const CageOptions& options, const std::shared_ptr<const Mesh>& mesh, const Symmetry& symmetry) {
-  CageControls controls{cage_model(options, mesh), mesh};
-  ControlModel& model = controls.model;
-  const Cage cage = cage_of(options);
+CagePlanes cage_planes(const Cage& cage, const Symmetry& symmetry) {
+  CagePlanes result;
   if (symmetry.is_sector()) {
-    model.sectors = static_cast<unsigned>(symmetry.sector().count());
-    CageImages next = cage_images(
-        cage, [&](const Vec3& x) { return symmetry.image(x, 1); }, image_tolerance * cage.diagonal());
-    if (next.image.empty()) {
-      refuse_argument("method.cage: the cage is not that of a wheel of " + std::to_string(model.sectors) +
-                      " sectors: turned by one of them it is another (" + next.no_image +
-                      "); coordinates reach beyond a cage, so it must be around the whole wheel, the same in every sector");
+    result.matches.sectors = static_cast<unsigned>(symmetry.sector().count());
+    const auto turn = [&](const Vec3& x) { return symmetry.image(x, 1); };
+    CageImages next = cage_images(cage, turn, image_tolerance * cage.diagonal());
+    if (!next.image.empty()) {
+      result.matches.images.push_back(std::move(next.image));
+      return result;
     }
-    model.matches.push_back(std::move(next.image));
-    return controls;
+    result.matches.images =
+        ends_in_sector(vertex_images(cage, turn, image_tolerance * cage.diagonal()), symmetry.sector().count());
+    result.in_sector = !result.matches.images.empty();
+    if (!result.in_sector) {
+      refuse_argument("method.cage: the cage is not that of a wheel of " + std::to_string(result.matches.sectors) +
+                      " sectors: turned by one of them it is another (" + next.no_image +
+                      "); it must be around the whole wheel, the same in every sector, or with coordinates GREEN end in the "
+                      "periodic boundaries, with the same vertices in both");
+    }
+    return result;
   }
-  std::vector<End> ends;
   for (std::size_t k = 0; k < symmetry.planes(); ++k) {
     const double tolerance = image_tolerance * cage.diagonal() + 2 * symmetry.reach(k);
     CageImages own = cage_images(
@@ -160,17 +183,31 @@ CageControls cage_controls(const CageOptions& options, const std::shared_ptr<con
     for (const double side : {1.0, -1.0}) {
       if (!own.image.empty()) break;
       own.image = ends_in_plane(cage, symmetry, k, side, tolerance);
-      if (!own.image.empty()) ends.push_back({k, side});
+      if (!own.image.empty()) result.ends.push_back({k, side});
     }
     if (own.image.empty()) {
       refuse_argument(
           "method.cage: the cage is not its own mirror image in " + plane_name(k) + " (" + own.no_image +
           "), nor does it end in that plane; make it symmetric, or leave out what is behind the plane and close it there");
     }
-    model.matches.push_back(std::move(own.image));
+    result.matches.images.push_back(std::move(own.image));
   }
-  if (ends.empty()) return controls;
-  const CageSides sides(symmetry, std::move(ends));
+  return result;
+}
+
+CageControls cage_controls(const CageOptions& options, const std::shared_ptr<const Mesh>& mesh, const Symmetry& symmetry) {
+  CageControls controls{cage_model(options, mesh), mesh};
+  ControlModel& model = controls.model;
+  const Cage cage = cage_of(options);
+  CagePlanes planes = cage_planes(cage, symmetry);
+  if (planes.in_sector) {
+    refuse_argument(
+        "method.cage: the cage ends in the periodic boundaries of its sector, but coordinates MEAN_VALUE reach beyond "
+        "it; use coordinates GREEN, or a cage around the whole wheel, the same in every sector");
+  }
+  model.matches = std::move(planes.matches);
+  if (planes.ends.empty()) return controls;
+  const CageSides sides(symmetry, std::move(planes.ends));
   ControlImage& only = model.images.front();
   controls.places = placed(mesh, symmetry, sides, only.reflected);
   const auto rows = std::make_shared<const CageRows>(cage, controls.places);
@@ -180,9 +217,9 @@ CageControls cage_controls(const CageOptions& options, const std::shared_ptr<con
 }
 
 void check_cut(const ControlModel& model, const Mesh& mesh, const Symmetry& symmetry, const RunContext& context) {
-  for (std::size_t k = 0; k < model.matches.size(); ++k) {
-    const std::vector<std::uint32_t>& image = model.matches[k];
-    if (std::find(image.begin(), image.end(), ControlModel::no_control) == image.end()) continue;
+  for (std::size_t k = 0; k < model.matches.images.size(); ++k) {
+    const std::vector<std::uint32_t>& image = model.matches.images[k];
+    if (std::find(image.begin(), image.end(), ControlMatches::no_control) == image.end()) continue;
     std::vector<PointId> in_plane;
     for (PointId p = 0; p < mesh.point_count(); ++p) {
       if ((symmetry.on(p) >> k & 1u) != 0) in_plane.push_back(p);
@@ -192,7 +229,7 @@ void check_cut(const ControlModel& model, const Mesh& mesh, const Symmetry& symm
       for (std::size_t i = begin; i < end; ++i) {
         double through = 0;
         model.images.front().rows->for_each(in_plane[i], [&](std::int64_t v, double value) {
-          if (image[static_cast<std::size_t>(v)] == ControlModel::no_control) through += std::abs(value);
+          if (image[static_cast<std::size_t>(v)] == ControlMatches::no_control) through += std::abs(value);
         });
         led_away[i] = through > most_through_plane ? 1 : 0;
       }

@@ -18,13 +18,30 @@
 
 namespace deform {
 
-/// The vertices of a cage and their mean value coordinates in a model with symmetry planes or in the sector of a wheel. That of a
-/// sector is around the whole wheel, the same in every sector. About each plane the cage must be
-///  - its own mirror image, triangle by triangle: then so are the coordinates, and what moves a vertex moves its image; or
-///  - on one side of it, with its face in the plane: its mirror image stands behind the plane, vertices in the plane stay there,
-///    and so do points in it, which only those vertices move.
-/// Coordinates are not stored, as in cage_model(). Throws Error(invalid_argument) for all other cages, naming the plane and a
-/// vertex or triangle, and the errors of cage_of().
+/// How a cage stands to symmetry planes or a sector. About each plane it is
+///  - its own mirror image, vertex by vertex and triangle by triangle; or
+///  - on one side of it, where it ends: only vertices in the plane have an image, themselves.
+/// That of a sector is
+///  - around the whole wheel, the same in every sector; or
+///  - it ends in the periodic boundaries: only vertices on one of them have images, on the other, and those on the axis.
+struct CagePlanes {
+  ControlMatches matches;  ///< of its vertices
+  /// A plane in which the cage ends.
+  struct End {
+    std::size_t plane;
+    double side;  ///< of the cage: 1, that of the mesh, or -1
+  };
+  std::vector<End> ends;
+  bool in_sector = false;  ///< whether it ends in periodic boundaries
+};
+/// Throws Error(invalid_argument) for all other cages, naming the plane and a vertex or triangle.
+CagePlanes cage_planes(const Cage& cage, const Symmetry& symmetry);
+
+/// The vertices of a cage and their mean value coordinates in a model with symmetry planes or in the sector of a wheel, see
+/// CagePlanes. Where a cage is its own mirror image, so are the coordinates, and what moves a vertex moves its image. Where it
+/// ends in a plane, its mirror image stands behind the plane; vertices in the plane stay there, and so do points in it, which
+/// only those vertices move. Coordinates are not stored, as in cage_model(). Throws the errors of cage_planes() and cage_of(),
+/// and for cages that end in periodic boundaries, whose coordinates would reach beyond.
 struct CageControls {
   ControlModel model;
   std::shared_ptr<const Mesh> places;  ///< the mesh, or its points where the cage is, behind a plane

@@ -9,6 +9,7 @@
 #include "core/deformers/cage/cage_images.h"
 #include "core/deformers/cage/cage_model.h"
 #include "core/deformers/cage/green_system.h"
+#include "core/deformers/cage/whole_cage.h"
 #include "core/deformers/ffd/clamped_inverse.h"
 #include "core/deformers/ffd/direct_system.h"
 #include "core/deformers/handles/control_system.h"
@@ -34,7 +35,7 @@ std::shared_ptr<const Mesh> borrowed(const Mesh& mesh) { return {std::shared_ptr
 
 Estimate estimate_controls(const CageOptions& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions) {
   const auto [model, places] = cage_controls(options, borrowed(mesh), regions.symmetry);
-  check_images(model, setup, regions);
+  check_images(model.matches, setup, regions);
   Estimate estimate = deform::estimate_controls(mesh, model, basis_options(options), regions);
   add_place_notes(cage_of(options), *places, estimate.notes);
   estimate.advice = "use fewer handles or basis BASIS_NEVER";
@@ -59,36 +60,9 @@ Estimate estimate_mesh(const CageOptions& options, const Mesh& mesh, const Selec
   return estimate;
 }
 
-Estimate estimate_green(const CageOptions& options, const Mesh& mesh, const SelectedRegions& regions) {
-  const Cage cage = cage_of(options);
-  const std::size_t n = mesh.point_count(), coordinates = green_bytes(cage, regions, n);
-  const bool stored = wants_basis(options.basis, coordinates, 0);
-  Estimate estimate;
-  estimate.samples = cage.size();
-  estimate.constraint_points = regions.fixed.size();
-  for (const auto& handle : regions.handles) estimate.constraint_points += handle.size();
-  estimate.resident_bytes = (stored ? coordinates : 0) + green_overhead_bytes(cage) + n * sizeof(PointId) +
-                            point_bytes(n + cage.size(), regions.symmetry);
-  estimate.peak_bytes = estimate.resident_bytes + n * sizeof(PointId);  // points outside
-  estimate.seconds = static_cast<double>(n) * seconds_per_row(cage) / thread_count({});
-  estimate.notes = {size_note(cage)};
-  if (!stored) estimate.notes.push_back("No coordinates will be stored: every design computes those of all points again.");
-  add_place_notes(cage, mesh, estimate.notes);
-  estimate.advice = stored ? "use fewer handle vertices or basis BASIS_NEVER" : "use a coarser cage";
-  return estimate;
-}
-
-void validate_green(const CageOptions& options, const Mesh& mesh) {
-  if (options.control == CageControl::mesh) {
-    refuse_argument(
-        "method.cage.coordinates: GREEN go with control CONTROLS only, as points are no linear function of the vertices, which "
-        "direct "
-        "manipulation needs; use coordinates MEAN_VALUE or control CONTROLS");
-  }
-  if (options.basis_tolerance != 0) {
-    refuse_argument("method.cage.basis_tolerance: coordinates GREEN have no handle basis; leave it out");
-  }
-  const Box cage = bounding_box(options.vertices);
+/// Throws for points outside of the box of a cage, which takes no time.
+void check_cage_box(const std::vector<Vec3>& vertices, const Mesh& mesh) {
+  const Box cage = bounding_box(vertices);
   const double rounding = 1e-12 * cage.diagonal();
   std::size_t outside = 0, first = 0;
   for (std::size_t i = mesh.point_count(); i-- > 0;) {
@@ -105,6 +79,46 @@ void validate_green(const CageOptions& options, const Mesh& mesh) {
                     " points of the mesh lie outside of its box, the first is " + std::to_string(first) +
                     "; use a cage around all points, which `deform cage mesh` makes, or coordinates MEAN_VALUE");
   }
+}
+
+Estimate estimate_green(const CageOptions& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions) {
+  const WholeCage whole = whole_cage(options, regions.symmetry);
+  check_images(whole.matches, setup, regions);
+  check_cage_box(whole.cage.vertices(), mesh);
+  const ControlSources sources(whole.matches, whole.controls, regions);
+  const GreenColumns columns(whole, sources, regions.symmetry);
+  const std::size_t n = mesh.point_count();
+  const std::size_t coordinates = FieldTiles::bytes_for(n, columns.size());
+  const bool stored = wants_basis(options.basis, coordinates, 0);
+  Estimate estimate;
+  estimate.samples = whole.controls;
+  estimate.constraint_points = regions.fixed.size();
+  for (const auto& handle : regions.handles) estimate.constraint_points += handle.size();
+  estimate.resident_bytes = (stored ? coordinates : 0) + green_overhead_bytes(whole, sources, columns) + n * sizeof(PointId) +
+                            point_bytes(n + whole.controls, regions.symmetry);
+  estimate.peak_bytes = estimate.resident_bytes + n * sizeof(PointId);           // points outside
+  if (!regions.symmetry.empty()) estimate.peak_bytes += 4 * whole.cage.bytes();  // cages in the making
+  estimate.seconds = static_cast<double>(n) * seconds_per_row(whole.cage) / thread_count({});
+  estimate.notes = whole.notes;
+  if (!stored) estimate.notes.push_back("No coordinates will be stored: every design computes those of all points again.");
+  for (std::string& note : whole.idle_notes(setup, regions)) estimate.notes.push_back(std::move(note));
+  add_place_notes(whole.cage, mesh, estimate.notes);
+  estimate.advice = stored ? "use fewer handle vertices or basis BASIS_NEVER" : "use a coarser cage";
+  return estimate;
+}
+
+void validate_green(const CageOptions& options, const Setup& setup, const Mesh& mesh) {
+  if (options.control == CageControl::mesh) {
+    refuse_argument(
+        "method.cage.coordinates: GREEN go with control CONTROLS only, as points are no linear function of the vertices, which "
+        "direct "
+        "manipulation needs; use coordinates MEAN_VALUE or control CONTROLS");
+  }
+  if (options.basis_tolerance != 0) {
+    refuse_argument("method.cage.basis_tolerance: coordinates GREEN have no handle basis; leave it out");
+  }
+  // With symmetry the cage has images, and estimate() checks the same.
+  if (setup.symmetry.empty()) check_cage_box(options.vertices, mesh);
 }
 
 std::shared_ptr<const System> prepare_mesh(const CageOptions& options, const std::shared_ptr<const Mesh>& mesh,
@@ -125,10 +139,10 @@ std::shared_ptr<const System> prepare_mesh(const CageOptions& options, const std
 
 }  // namespace
 
-void CageMethod::validate(const CageOptions& options, const Setup&, const Mesh& mesh) {
+void CageMethod::validate(const CageOptions& options, const Setup& setup, const Mesh& mesh) {
   cage_of(options);
   check_basis_tolerance(options.basis_tolerance, "method.cage.basis_tolerance");
-  if (options.coordinates == CageCoordinates::green) validate_green(options, mesh);
+  if (options.coordinates == CageCoordinates::green) validate_green(options, setup, mesh);
   if (options.control == CageControl::controls) return;
   if (options.vertices.size() > ClampedInverse::most_functions) {
     refuse_argument("method.cage.control: MESH takes cages of at most " + std::to_string(ClampedInverse::most_functions) +
@@ -144,7 +158,7 @@ Estimate CageMethod::estimate(const CageOptions& options, const Mesh& mesh, cons
   if (options.control == CageControl::mesh) {
     estimate = estimate_mesh(options, mesh, regions);
   } else if (options.coordinates == CageCoordinates::green) {
-    estimate = estimate_green(options, mesh, regions);
+    estimate = estimate_green(options, mesh, setup, regions);
   } else {
     estimate = estimate_controls(options, mesh, setup, regions);
   }
@@ -159,7 +173,7 @@ std::shared_ptr<const System> CageMethod::prepare(const CageOptions& options, co
   if (options.control == CageControl::mesh) return prepare_mesh(options, mesh, setup, context, memory_budget);
   const Symmetry symmetry = deform::validate(setup, *mesh).symmetry;
   if (options.coordinates == CageCoordinates::green) {
-    return std::make_shared<const GreenSystem>(mesh, setup, options, context);
+    return std::make_shared<const GreenSystem>(mesh, setup, options, whole_cage(options, symmetry), context);
   }
   auto [model, places] = cage_controls(options, mesh, symmetry);
   check_cut(model, *mesh, symmetry, context);

@@ -18,10 +18,6 @@ struct CageMethod {
   static constexpr MethodFeatures features{.symmetry = false, .constraints = false};
   static void validate(const CageOptions& options, const Setup& setup, const Mesh& mesh);
   static bool selects_controls(const CageOptions& options) { return options.control == CageControl::controls; }
-  /// Handles that move vertices do so with the mirror images of these; coordinates GREEN have none.
-  static bool keeps_symmetry(const CageOptions& options) {
-    return selects_controls(options) && options.coordinates == CageCoordinates::mean_value;
-  }
   static ControlSet controls(const CageOptions& options, const Mesh&, const Symmetry&) { return {options.vertices.size()}; }
   static std::vector<Vec3> control_places(const CageOptions& options, const Mesh&, const Symmetry&) { return options.vertices; }
   /// A cage has no centres.

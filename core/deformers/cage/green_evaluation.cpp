@@ -20,18 +20,15 @@ GreenEvaluation::GreenEvaluation(std::shared_ptr<const GreenSystem> system, std:
     : HandleEvaluation(system, designs, path, context),
       system_(*system),
       changes_(3 * system_.columns_.size() * designs.size(), 0.0) {
-  const auto& [vertices, triangles] = system_.columns_;
   for_each_direct(context, [&](std::size_t i) {
     const std::vector<Vec3> displacements = system_.displacements(designs_[i], MotionKind::position);
-    const std::vector<Vec3> moved = system_.moved(displacements, "designs[" + std::to_string(i) + "]");
+    const std::vector<Vec3> moved = system_.moved(system_.in_model(displacements), "designs[" + std::to_string(i) + "]");
     double farthest = 0, stretched = 0;
-    for (std::size_t v = 0; v < vertices.size(); ++v) {
-      set_row(v, i, displacements[vertices[v]]);
-      farthest = std::max(farthest, norm(displacements[vertices[v]]));
-    }
-    for (std::size_t t = 0; t < triangles.size(); ++t) {
-      const Vec3 change = system_.normals_[t].change(system_.corners(triangles[t], moved));
-      set_row(vertices.size() + t, i, change);
+    for (const Vec3& u : displacements) farthest = std::max(farthest, norm(u));
+    set_vertices(i, displacements);
+    for (std::size_t t = 0; t < system_.normals_.size(); ++t) {
+      const Vec3 change = system_.normals_[t].change(system_.corners(system_.columns_.triangles()[t], moved));
+      set_rows(system_.columns_.of_triangle(t), i, system_.in_frame(change));
       stretched = std::max(stretched, norm(change));
     }
     reports_[i].control_displacement = reports_[i].prescribed_displacement;
@@ -43,19 +40,29 @@ GreenEvaluation::GreenEvaluation(std::shared_ptr<const GreenSystem> system, std:
 GreenEvaluation::GreenEvaluation(std::shared_ptr<const GreenSystem> system, std::span<const double> variables,
                                  const std::vector<Affine>& derivatives)
     : HandleEvaluation(system, derivatives), system_(*system), changes_(3 * system_.columns_.size(), 0.0) {
-  const auto& [vertices, triangles] = system_.columns_;
   const std::vector<Vec3> moved = system_.moved_by(variables);
   const std::vector<Vec3> rates = system_.displacements(designs_[0], MotionKind::derivative);
-  for (std::size_t v = 0; v < vertices.size(); ++v) set_row(v, 0, rates[vertices[v]]);
-  for (std::size_t t = 0; t < triangles.size(); ++t) {
-    const std::size_t triangle = triangles[t];
-    set_row(vertices.size() + t, 0, system_.normals_[t].rate(system_.corners(triangle, moved), system_.corners(triangle, rates)));
+  const std::vector<Vec3> in_model = system_.in_model(rates);
+  set_vertices(0, rates);
+  for (std::size_t t = 0; t < system_.normals_.size(); ++t) {
+    const std::size_t triangle = system_.columns_.triangles()[t];
+    const Vec3 rate = system_.normals_[t].rate(system_.corners(triangle, moved), system_.corners(triangle, in_model));
+    set_rows(system_.columns_.of_triangle(t), 0, system_.in_frame(rate));
   }
   find_moving_rows();
 }
 
-void GreenEvaluation::set_row(std::size_t row, std::size_t design, const Vec3& value) {
-  std::copy(value.begin(), value.end(), changes_.begin() + static_cast<std::ptrdiff_t>(3 * (row * designs_.size() + design)));
+void GreenEvaluation::set_vertices(std::size_t design, std::span<const Vec3> displacements) {
+  const std::vector<std::uint32_t>& vertices = system_.columns_.vertices();
+  for (std::size_t v = 0; v < vertices.size(); ++v) set_rows(system_.columns_.of_vertex(v), design, displacements[vertices[v]]);
+}
+
+void GreenEvaluation::set_rows(std::size_t first, std::size_t design, const Vec3& value) {
+  for (const ComponentPart& part : system_.columns_.parts()) {
+    const Vec3 taken = part.taken(value);
+    std::copy(taken.begin(), taken.end(),
+              changes_.begin() + static_cast<std::ptrdiff_t>(3 * (first++ * designs_.size() + design)));
+  }
 }
 
 void GreenEvaluation::find_moving_rows() {
@@ -74,6 +81,16 @@ void GreenEvaluation::direct_tile(std::size_t tile, std::size_t first, std::size
   const double* const coordinates = system_.tile(tile, scratch);
   tile_product(coordinates, system_.columns_.size(), moving_rows_, changes_.data() + 3 * first, 3 * designs_.size(), 3 * count,
                values);
+  const Sector& sector = system_.symmetry().sector();
+  if (sector.count() == 0) return;
+  const std::size_t begin = tile * tile_size, end = std::min(begin + tile_size, system_.mesh_->point_count());
+  for (std::size_t i = begin; i < end; ++i) {
+    for (std::size_t d = 0; d < count; ++d) {
+      double* const at = values + 3 * d * tile_size + i - begin;
+      const Vec3 u = sector.from_first(static_cast<PointId>(i), {at[0], at[tile_size], at[2 * tile_size]});
+      for (std::size_t k = 0; k < 3; ++k) at[k * tile_size] = u[k];
+    }
+  }
 }
 
 SpaceMap::Told GreenEvaluation::displacements_at(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,

@@ -21,7 +21,9 @@ class GreenEvaluation : public HandleEvaluation {
                   const std::vector<Affine>& derivatives);
 
  private:
-  void set_row(std::size_t row, std::size_t design, const Vec3& value);
+  /// Sets the rows of all vertices, and those of the parts of one vertex or triangle from `first` on; in the frame.
+  void set_vertices(std::size_t design, std::span<const Vec3> displacements);
+  void set_rows(std::size_t first, std::size_t design, const Vec3& value);
   void find_moving_rows();
   SpaceMap::Told displacements_at(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
                                   const RunContext& context) const override;

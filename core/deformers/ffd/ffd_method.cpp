@@ -83,7 +83,7 @@ Estimate FfdMethod::estimate(const FfdOptions& options, const Mesh& mesh, const 
   if (options.control == FfdControl::energy) return ByEnergy::estimate(options, mesh, setup, regions);
   if (options.control == FfdControl::controls) {
     const ControlModel model = lattice_controls(options.lattice, mesh, regions.symmetry, {});
-    check_images(model, setup, regions);
+    check_images(model.matches, setup, regions);
     return estimate_controls(mesh, model, options, regions);
   }
   return estimate_mesh(options, mesh, regions);

@@ -22,8 +22,6 @@ struct FfdMethod {
   static bool selects_controls(const FfdOptions& options) { return options.control == FfdControl::controls; }
   static ControlSet controls(const FfdOptions& options, const Mesh& mesh, const Symmetry& symmetry);
   static std::vector<Vec3> control_places(const FfdOptions& options, const Mesh& mesh, const Symmetry& symmetry);
-  /// Handles that move control points do so with the mirror images of these.
-  static bool keeps_symmetry(const FfdOptions& options) { return selects_controls(options); }
   /// Free-form deformation has no centres.
   static std::optional<std::vector<PointId>> known_centres(const FfdOptions&, const Mesh&, const SelectedRegions&) {
     return std::nullopt;

@@ -110,7 +110,7 @@ bool may_meet(const Box& turned, const Symmetry& symmetry, unsigned image, const
 ControlModel sector_controls(const LatticeOptions& options, const Mesh& mesh, const Symmetry& symmetry,
                              const RunContext& context) {
   ControlModel model;
-  model.sectors = static_cast<unsigned>(symmetry.sector().count());
+  model.matches.sectors = static_cast<unsigned>(symmetry.sector().count());
   const Lattice lattice = lattice_of(options, mesh);
   auto controls = std::make_shared<Mesh>();
   controls->points = options.control_points.empty() ? lattice.control_points() : options.control_points;
@@ -118,7 +118,7 @@ ControlModel sector_controls(const LatticeOptions& options, const Mesh& mesh, co
   const Box reach = bounding_box(controls->points), model_box = bounding_box(mesh.points);
   std::vector<std::uint32_t> reached(mesh.point_count(), 0);  // by how many
   std::vector<Vec3> crossings;
-  for (unsigned image = 0; image < model.sectors; ++image) {
+  for (unsigned image = 0; image < model.matches.sectors; ++image) {
     const unsigned back = symmetry.inverse(image);
     if (image != 0 && !may_meet(model_box, symmetry, back, reach)) continue;
     Mesh placed = mesh;
@@ -173,7 +173,7 @@ std::vector<std::uint32_t> lattice_images(const Lattice& lattice, LatticeBasis b
     return LatticeIndex{q % size[0], q / size[0] % size[1], q / size[0] / size[1]};
   };
   for (const LatticeReflection& map : index_reflections(size, basis)) {
-    std::vector<std::uint32_t> images(places.size(), ControlModel::no_control);
+    std::vector<std::uint32_t> images(places.size(), ControlMatches::no_control);
     bool fits = true;
     for (std::size_t p = 0; p < places.size() && fits; ++p) {
       const LatticeIndex to = map(index_of(p));
@@ -202,9 +202,9 @@ ControlModel lattice_controls(const LatticeOptions& given, const Mesh& mesh, con
   unsigned matched = 0;
   for (std::size_t k = 0; k < symmetry.planes(); ++k) {
     const double tolerance = image_tolerance * bounding_box(controls->points).diagonal() + 2 * symmetry.reach(k);
-    model.matches.push_back(lattice_images(
+    model.matches.images.push_back(lattice_images(
         lattice, options.basis, controls->points, [&](const Vec3& x) { return symmetry.reflected(x, k); }, tolerance));
-    if (!model.matches.back().empty()) {
+    if (!model.matches.images.back().empty()) {
       matched |= 1u << k;
     } else if (!given.frame) {
       refuse_argument("method.ffd.lattice: an automatic lattice is not symmetric about " + plane_name(k) +

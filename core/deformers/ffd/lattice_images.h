@@ -18,9 +18,9 @@ namespace deform {
 /// The lattice options of a model with symmetry planes: an automatic box becomes that of the model with its images.
 LatticeOptions whole_lattice(LatticeOptions options, const Mesh& mesh, const Symmetry& symmetry);
 
-/// Which control points are mirror images of each other: for each its image, or ControlModel::no_control. `places` are where they
-/// are at rest, `reflect` maps a place to its image. The reflection must be one of indices, along one axis, or exchange two axes,
-/// such that the functions of the images are the images of the functions wherever both have any:
+/// Which control points are mirror images of each other: for each its image, or ControlMatches::no_control. `places` are where
+/// they are at rest, `reflect` maps a place to its image. The reflection must be one of indices, along one axis, or exchange two
+/// axes, such that the functions of the images are the images of the functions wherever both have any:
 ///  - a lattice that is its own image;
 ///  - a lattice that ends in the plane, on one side of it: one layer of control points lies in the plane, with
 ///    LatticeBasis::uniform_cubic the second one, whose neighbours are images of each other;

@@ -103,7 +103,7 @@ std::size_t ControlEvaluation::add_images(std::span<const Vec3> points, std::uin
   const ControlModel& model = system_.model_;
   const Symmetry& symmetry = system_.regions_.symmetry;
   // Only planes: all of the wheel's control points reach wherever one of their images does.
-  const std::vector<unsigned> matched = model.sectors > 0 ? std::vector<unsigned>{0} : model.matched_images();
+  const std::vector<unsigned> matched = model.matches.matched_planes();
   std::fill(out.begin(), out.end(), Vec3{});
   std::vector<bool> reached(points.size(), false);
   for (const ControlImage& image : model.images) {

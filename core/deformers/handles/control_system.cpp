@@ -19,7 +19,6 @@ namespace {
 constexpr std::size_t control_tiles_per_task = 64, mesh_points_per_task = 2048;
 constexpr std::size_t listed_handles = 5;
 constexpr double seconds_per_value = 3e-9;  // of a function at a point
-constexpr double image_agreement = 1e-9;    // of the motions of control points that are images of each other
 
 std::size_t first_row_count(const ComputedRows& rows) {
   std::size_t most = 0;
@@ -53,74 +52,24 @@ std::string handle_text(std::uint32_t control, std::size_t handle, const Setup& 
   return std::to_string(control) + " (handle \"" + setup.handles[handle].name + "\")";
 }
 
-/// "mirror images in symmetry[0] and symmetry[1]", or "images of each other by 2 sectors".
-std::string images_text(unsigned image, const ControlModel& model) {
-  if (model.sectors > 0) return "images of each other by " + std::to_string(image) + (image == 1 ? " sector" : " sectors");
-  std::string text;
-  for (std::size_t k = 0; k < 3; ++k) {
-    if ((image >> k & 1u) != 0) text += (text.empty() ? "" : " and ") + std::string("symmetry[") + std::to_string(k) + "]";
-  }
-  return "mirror images in " + text;
-}
-
 }  // namespace
 
 std::size_t ControlModel::row_bytes() const {
   std::size_t bytes = 0;
   for (const ControlImage& image : images) bytes += (image.rows ? image.rows->bytes() : 0) + image.reflected.size();
-  for (const auto& match : matches) bytes += match.size() * sizeof(std::uint32_t);
-  return bytes;
-}
-
-std::vector<unsigned> ControlModel::matched_images() const {
-  std::vector<unsigned> result{0};
-  unsigned planes = 0;
-  for (std::size_t k = 0; k < matches.size(); ++k) planes |= matches[k].empty() ? 0u : 1u << k;
-  if (planes != 0 && sectors > 0) {
-    for (unsigned image = 1; image < sectors; ++image) result.push_back(image);
-    return result;
-  }
-  for (unsigned image = 1; image <= planes; ++image) {
-    if ((image & ~planes) == 0) result.push_back(image);
-  }
-  return result;
-}
-
-std::uint32_t ControlModel::image_of(std::uint32_t control, unsigned image) const {
-  for (unsigned turn = 0; sectors > 0 && turn < image; ++turn) control = matches[0][control];
-  for (std::size_t k = 0; sectors == 0 && k < matches.size() && control != no_control; ++k) {
-    if ((image >> k & 1u) != 0) control = matches[k][control];
-  }
-  return control;
-}
-
-void check_images(const ControlModel& model, const Setup& setup, const SelectedRegions& regions) {
-  const std::vector<unsigned> images = model.matched_images();
-  std::vector<bool> fixed(model.controls->point_count(), false);
-  for (const PointId p : regions.fixed) fixed[p] = true;
-  for (std::size_t h = 0; h < regions.handles.size(); ++h) {
-    for (const PointId p : regions.handles[h]) {
-      for (std::size_t i = 1; i < images.size(); ++i) {
-        const std::uint32_t q = model.image_of(p, images[i]);
-        if (q == ControlModel::no_control || !fixed[q]) continue;
-        refuse_argument("handle \"" + setup.handles[h].name + "\": control point " + std::to_string(p) +
-                        " moves, but control point " + std::to_string(q) + " is in a fixed region, and they are " +
-                        images_text(images[i], model) + "; take either of them out with `difference`");
-      }
-    }
-  }
+  return bytes + matches.bytes();
 }
 
 ControlSystem::ControlSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, ControlModel model,
                              const EnergyOptions& options, const RunContext& context)
     : HandleSystem(std::move(mesh), setup, model.controls, context),
       model_(std::move(model)),
-      fields_(held_mesh_->point_count()) {
+      fields_(held_mesh_->point_count()),
+      sources_(model_.matches, fields_.size(), regions_) {
   for (std::size_t p = 0; p < fields_.size(); ++p) {
     if (moves(p)) fields_[p] = handle_fields(points_.region_of[p], static_cast<PointId>(p));
   }
-  check_images(model_, setup_, regions_);
-  find_sources();
+  check_images(model_.matches, setup_, regions_);
   idle_ = idle_handles(context);
   end_stage("select");
   prepare_basis(options, context);
@@ -141,7 +90,8 @@ std::vector<std::string> ControlSystem::idle_handles(const RunContext& context) 
   });
   std::vector<bool> works(fields_.size(), false);
   for (std::size_t p = 0; p < fields_.size(); ++p) {
-    for (const Source& source : sources(p)) works[source.control] = works[source.control] || reaches[p].load();
+    for (const ControlSources::Source& source : sources_.of(p))
+      works[source.control] = works[source.control] || reaches[p].load();
   }
   std::vector<std::string> names;
   for (std::size_t h = 0; h < regions_.handles.size(); ++h) {
@@ -152,50 +102,17 @@ std::vector<std::string> ControlSystem::idle_handles(const RunContext& context) 
   return names;
 }
 
-void ControlSystem::find_sources() {
-  const std::vector<unsigned> images = model_.matched_images();
-  for (std::uint32_t p = 0; p < fields_.size(); ++p) {
-    first_source_.push_back(sources_.size());
-    for (const unsigned image : images) {
-      const std::uint32_t q = model_.image_of(p, image);
-      if (q != ControlModel::no_control && moves(q)) sources_.push_back({q, regions_.symmetry.inverse(image)});
-    }
-  }
-  first_source_.push_back(sources_.size());
-}
-
-/// Those along normals of planes have one each, the others share one. Across the axis of a sector the images add up like complex
-/// numbers, and those of two sectors have no sines.
-std::vector<ControlSystem::Part> ControlSystem::parts(const Symmetry& symmetry) {
-  if (symmetry.is_sector()) {
-    std::vector<Part> result{{{0}}, {{1, 2}, -1, Part::Turn::cosine}};
-    if (symmetry.sector().count() > 2) result.push_back({{1, 2}, -1, Part::Turn::sine});
-    return result;
-  }
-  std::vector<Part> result;
-  if (symmetry.planes() < 3) result.emplace_back();
-  for (std::size_t k = symmetry.planes(); k < 3; ++k) result[0].components.push_back(k);
-  for (std::size_t k = 0; k < symmetry.planes(); ++k) result.push_back({{k}, static_cast<int>(k)});
-  return result;
-}
-
-double ControlSystem::factor(const Part& part, unsigned image) const {
-  if (part.turn == Part::Turn::cosine) return regions_.symmetry.sector().cosine(image);
-  if (part.turn == Part::Turn::sine) return regions_.symmetry.sector().sine(image);
-  return part.odd >= 0 && (image >> part.odd & 1u) != 0 ? -1 : 1;
-}
-
 void ControlSystem::prepare_basis(const EnergyOptions& options, const RunContext& context) {
-  const std::vector<Part> all = parts(regions_.symmetry);
+  const std::vector<ComponentPart> all = component_parts(regions_.symmetry);
   const std::size_t bytes = all.size() * HandleBasis::bytes_for(following().size(), fields(), options.basis_tolerance);
   if (!wants_basis(options.basis, bytes, 0)) return;
   context.progress("basis", 0);
-  for (const Part& part : all) add_part(part, options.basis_tolerance, context);
+  for (const ComponentPart& part : all) add_part(part, options.basis_tolerance, context);
 }
 
-void ControlSystem::add_part(const Part& part, double tolerance, const RunContext& context) {
+void ControlSystem::add_part(const ComponentPart& part, double tolerance, const RunContext& context) {
   HandleBasis basis{part.components, FieldTiles(following().size(), fields()), std::vector<double>(fields(), 0.0)};
-  basis.turned = part.turn == Part::Turn::sine;
+  basis.turned = part.turn == ComponentPart::Turn::sine;
   basis.more.assign(fields(), 0.0);
   for (std::size_t p = 0; p < fields_.size(); ++p) {
     for (std::size_t f = 0; f < 4 && moves(p); ++f) {
@@ -210,14 +127,14 @@ void ControlSystem::add_part(const Part& part, double tolerance, const RunContex
       const std::size_t last = std::min((t + 1) * tile_size, following().size());
       for (std::size_t s = t * tile_size; s < last; ++s) {
         // What is added up for points on the axis of a sector is zero but for rounding.
-        if (part.turn != Part::Turn::none && regions_.symmetry.sector().on_axis(following()[s])) continue;
+        if (part.turn != ComponentPart::Turn::none && regions_.symmetry.sector().on_axis(following()[s])) continue;
         for_each_image(following()[s], [&](std::size_t p, double value, unsigned image) {
-          const std::span<const Source> from = sources(p);
+          const std::span<const ControlSources::Source> from = sources_.of(p);
           if (from.empty()) return;
           const double share = value / static_cast<double>(from.size());
-          for (const Source& source : from) {
+          for (const ControlSources::Source& source : from) {
             double* const at = out + first_field(source.control) * tile_size + s % tile_size;
-            const double weight = share * factor(part, regions_.symmetry.composed(source.image, image));
+            const double weight = share * part.factor(regions_.symmetry, regions_.symmetry.composed(source.image, image));
             for (std::size_t f = 0; f < 4; ++f) at[f * tile_size] += weight * fields_[source.control][f];
           }
         });
@@ -231,18 +148,11 @@ void ControlSystem::fill_info() {
   info_.solver = Solver::automatic;  // nothing is solved
   info_.samples = info_.functions = fields_.size();
   const std::size_t crossings = model_.crossings ? model_.crossings->bytes() : 0;
-  set_bytes(0, model_.row_bytes() + sources_.size() * sizeof(Source) + first_source_.size() * sizeof(std::size_t) + crossings +
-                   fields_.size() * (sizeof(Vec3) + sizeof fields_[0]) +
+  set_bytes(0, model_.row_bytes() + sources_.bytes() + crossings + fields_.size() * (sizeof(Vec3) + sizeof fields_[0]) +
                    (following().size() + model_.outside.size()) * sizeof(PointId));
   info_.notes = model_.notes;
   if (regions_.symmetry.is_sector()) info_.notes.push_back(regions_.symmetry.sector().note());
-  std::size_t moved = 0;  // that are in no handle, but images of them
-  for (std::size_t p = 0; p < fields_.size(); ++p) moved += !moves(p) && !sources(p).empty() ? 1 : 0;
-  info_.notes.push_back(std::to_string(info_.handle_points) + " control points are in handles, " +
-                        (moved == 0 ? ""
-                                    : std::to_string(moved) + (model_.sectors > 0 ? " are " : " are mirror ") +
-                                          "images of these and move with them, ") +
-                        "the other " + std::to_string(fields_.size() - info_.handle_points - moved) + " stay.");
+  info_.notes.push_back(sources_.note(regions_, "control points"));
   if (!idle_.empty()) {
     std::string names;
     for (std::size_t i = 0; i < std::min(listed_handles, idle_.size()); ++i) names += (i == 0 ? "\"" : ", \"") + idle_[i] + "\"";
@@ -263,34 +173,7 @@ std::vector<Vec3> ControlSystem::displacements(const BoundDesign& design, Motion
     const Vec3 to = points.place(design, id, kind);
     own[p] = kind == MotionKind::position ? to - held_mesh_->points[p] : to;
   }
-  if (regions_.symmetry.empty()) return own;
-  for (Vec3& u : own) u = regions_.symmetry.to_frame(u);
-  std::vector<Vec3> result(own.size());
-  for (std::size_t p = 0; p < own.size(); ++p) {
-    const std::span<const Source> from = sources(p);
-    for (const Source& source : from) result[p] = result[p] + regions_.symmetry.components_in(own[source.control], source.image);
-    if (!from.empty()) result[p] = result[p] / static_cast<double>(from.size());
-  }
-  return result;
-}
-
-void ControlSystem::check_agreement(const std::function<Vec3(PointId)>& motion_of, double allowed,
-                                    const std::string& what) const {
-  for (std::size_t p = 0; p < fields_.size(); ++p) {
-    const std::span<const Source> from = sources(p);
-    for (std::size_t i = 1; i < from.size(); ++i) {
-      const auto motion = [&](const Source& source) {
-        return regions_.symmetry.components_in(regions_.symmetry.to_frame(motion_of(source.control)), source.image);
-      };
-      const double apart = distance(motion(from[0]), motion(from[i]));
-      if (apart <= allowed) continue;
-      refuse_argument(what + ": control points " + handle_text(from[0].control, points_.region_of[from[0].control], setup_) +
-                      " and " + handle_text(from[i].control, points_.region_of[from[i].control], setup_) + " are " +
-                      images_text(regions_.symmetry.composed(from[0].image, regions_.symmetry.inverse(from[i].image)), model_) +
-                      ", but their motions are not, by " + number_digits(apart) +
-                      "; move them alike, or take one of them out of the handles with `difference`");
-    }
-  }
+  return sources_.displacements(std::move(own), regions_.symmetry);
 }
 
 /// Motions of variables that are their own mirror images in the planes of a control point are so for all values, and together.
@@ -298,7 +181,7 @@ std::string ControlSystem::unchecked_motions() const {
   const Symmetry& symmetry = regions_.symmetry;
   const auto text = [&](std::uint32_t p) { return "control point " + handle_text(p, points_.region_of[p], setup_); };
   for (std::uint32_t p = 0; p < fields_.size(); ++p) {
-    const std::span<const Source> from = sources(p);
+    const std::span<const ControlSources::Source> from = sources_.of(p);
     unsigned planes = moves(p) ? held_symmetry().on(p) : 0;
     for (std::size_t i = 1; i < from.size(); ++i) {
       const std::uint32_t a = from[0].control, b = from[i].control;
@@ -324,32 +207,11 @@ std::string ControlSystem::unchecked_motions() const {
 }
 
 void ControlSystem::check_motions(const BoundDesign& design, std::size_t index) const {
-  if (model_.matched_images().size() == 1) return;
-  double allowed = image_agreement * info_.diagonal;
-  for (std::size_t k = 0; k < regions_.symmetry.planes(); ++k) allowed = std::max(allowed, 4 * regions_.symmetry.reach(k));
-  const HeldPoints points = held();
-  const auto motion = [&](PointId p) {
-    return points.prescribed_position(design, p, MotionKind::position) - held_mesh_->points[p];
-  };
-  check_agreement(motion, allowed, "designs[" + std::to_string(index) + "]");
+  sources_.check_design(held(), design, index);
 }
 
 void ControlSystem::check_motions(const std::vector<Affine>& derivative, const std::string& what) const {
-  if (model_.matched_images().size() == 1) return;
-  double size = 0;  // of the terms of a rate
-  const Box box = bounding_box(held_mesh_->points);
-  for (const Affine& m : derivative) {
-    for (std::size_t i = 0; i < 12; ++i) {
-      const std::size_t k = i % 4;
-      size = std::max(size, std::abs(m[i]) * (k == 3 ? 1.0 : std::max(std::abs(box.min[k]), std::abs(box.max[k]))));
-    }
-  }
-  double allowed = image_agreement;
-  for (std::size_t k = 0; k < regions_.symmetry.planes(); ++k) {
-    allowed = std::max(allowed, 4 * regions_.symmetry.reach(k) / info_.diagonal);
-  }
-  const auto rate = [&](PointId p) { return transformed(derivative[points_.region_of[p]], held_mesh_->points[p]); };
-  check_agreement(rate, allowed * size, what);
+  sources_.check_rates(held(), derivative, what);
 }
 
 std::unique_ptr<const Evaluation> ControlSystem::bind(std::span<const Design> designs, EvaluationPath path,
@@ -374,19 +236,9 @@ HandleSystem::Fields ControlSystem::adjoint(std::span<const double>, Cotangents 
       }
     });
   }
-  Fields result(g.size(), std::vector<double>(3 * fields(), 0.0));
-  for (std::size_t j = 0; j < g.size(); ++j) {
-    for (std::size_t p = 0; p < fields_.size(); ++p) {
-      const std::span<const Source> from = sources(p);
-      for (const Source& source : from) {
-        const Vec3 back =
-            regions_.symmetry.components_in(g[j][p], regions_.symmetry.inverse(source.image)) / static_cast<double>(from.size());
-        for (std::size_t f = 0; f < 4; ++f) {
-          double* const sum = result[j].data() + 3 * (first_field(source.control) + f);
-          for (std::size_t k = 0; k < 3; ++k) sum[k] += fields_[source.control][f] * back[k];
-        }
-      }
-    }
+  Fields result;
+  for (const std::vector<Vec3>& sums : g) {
+    result.push_back(field_sums(regions_, fields_, sources_.transposed(sums, regions_.symmetry)));
   }
   return result;
 }

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "core/deformers/handles/control_functions.h"
+#include "core/deformers/handles/control_images.h"
 #include "core/deformers/handles/handle_system.h"
 #include "core/deformers/handles/space_functions.h"
 
@@ -41,11 +42,7 @@ struct ControlModel {
   /// first.
   std::vector<ControlImage> images;
   std::shared_ptr<const SpaceFunctions> in_space;  ///< the functions at any place
-  /// For each symmetry plane that is matched the mirror image of each control point among them, or no_control; else empty. Of
-  /// sectors that are matched the images of control points turned by one sector; else none.
-  std::vector<std::vector<std::uint32_t>> matches{};
-  unsigned sectors = 0;  ///< of the wheel; 0 without a sector
-  static constexpr std::uint32_t no_control = ~std::uint32_t{0};
+  ControlMatches matches;
   std::vector<std::string> notes;
   std::vector<std::uint32_t> outside;  ///< points at which all functions are zero, ascending
   /// The functions at places where edges of the mesh leave the support of all functions; null if there are none.
@@ -59,10 +56,6 @@ struct ControlModel {
   double seconds_per_row = 0;  ///< time to compute the functions at a point; 0: proportional to their number
 
   std::size_t row_bytes() const;  ///< memory of the images
-  /// The images in which control points are matched, ascending: 0, which is no image, and others.
-  std::vector<unsigned> matched_images() const;
-  /// What a control point is in one of these, or no_control.
-  std::uint32_t image_of(std::uint32_t control, unsigned image) const;
 };
 
 /// Handles move control points, the other control points stay, and all points of the mesh follow (classical free-form
@@ -79,7 +72,7 @@ class ControlSystem : public HandleSystem {
                                          const RunContext& context) const override;
 
   /// How many bases the components of displacements need.
-  static std::size_t part_count(const Symmetry& symmetry) { return parts(symmetry).size(); }
+  static std::size_t part_count(const Symmetry& symmetry) { return component_parts(symmetry).size(); }
 
  private:
   friend class ControlEvaluation;
@@ -91,23 +84,8 @@ class ControlSystem : public HandleSystem {
   std::string unchecked_motions() const override;
   void check_motions(const BoundDesign& design, std::size_t index) const override;
   void check_motions(const std::vector<Affine>& derivative, const std::string& what) const override;
-  /// Throws if motions of control points that are images of each other are not, by more than `allowed`: motion_of(control).
-  void check_agreement(const std::function<Vec3(PointId)>& motion_of, double allowed, const std::string& what) const;
   void prepare_basis(const EnergyOptions& options, const RunContext& context);
-  /// Components of displacements that images take alike: times a factor, if one alone is considered.
-  struct Part {
-    std::vector<std::size_t> components;
-    int odd = -1;  ///< the plane along whose normal the component is
-    enum class Turn {
-      none,
-      cosine,
-      sine
-    } turn = Turn::none;  ///< across the axis of a sector; the sines are those of turned ones
-  };
-  static std::vector<Part> parts(const Symmetry& symmetry);
-  double factor(const Part& part, unsigned image) const;
-  void add_part(const Part& part, double tolerance, const RunContext& context);
-  void find_sources();
+  void add_part(const ComponentPart& part, double tolerance, const RunContext& context);
   /// The rounding error of a displacement, as a fraction of the largest one of a control point.
   double rounding() const { return static_cast<double>(model_.images.size()) * model_.rounding; }
   void fill_info();
@@ -116,14 +94,6 @@ class ControlSystem : public HandleSystem {
   bool moves(std::size_t control) const { return points_.region_of[control] < fixed_region; }
   /// The first field of the handle of a control point that moves().
   std::size_t first_field(std::size_t control) const { return std::size_t{4} * points_.region_of[control]; }
-  /// What moves a control point: itself or its images, if handles hold them.
-  struct Source {
-    std::uint32_t control;
-    unsigned image;  ///< that this one is of it
-  };
-  std::span<const Source> sources(std::size_t control) const {
-    return {sources_.data() + first_source_[control], first_source_[control + 1] - first_source_[control]};
-  }
   /// use(control, value, image) for the functions at a point of the mesh of all images of the control points. The second of two
   /// partners has those of the first, turned.
   template <typename Use>
@@ -142,13 +112,9 @@ class ControlSystem : public HandleSystem {
 
   const ControlModel model_;
   std::vector<std::array<double, 4>> fields_;  ///< fields of its handle at each control point, unit coordinates
-  std::vector<std::size_t> first_source_;      ///< k + 1
-  std::vector<Source> sources_;
+  const ControlSources sources_;
   std::vector<std::string> idle_;
 };
-
-/// Throws Error(invalid_argument) if a control point is fixed and an image of it is in a handle.
-void check_images(const ControlModel& model, const Setup& setup, const SelectedRegions& regions);
 
 /// Estimates the cost of a ControlSystem before anything is computed, from `images` and `notes` of the model.
 Estimate estimate_controls(const Mesh& mesh, const ControlModel& model, const EnergyOptions& options,

@@ -117,6 +117,16 @@ bool Sector::on_axis(const Vec3& place) const { return std::hypot(place[1], plac
 
 bool Sector::on_axis(PointId id) const { return std::binary_search(axis_points_.begin(), axis_points_.end(), id); }
 
+Vec3 Sector::from_first(PointId id, const Vec3& of_first) const {
+  if (is_second(id)) return turned(of_first, 1);
+  return on_axis(id) ? Vec3{of_first[0], 0, 0} : of_first;
+}
+
+Vec3 Sector::at_first(PointId id, const Vec3& vector) const {
+  if (is_second(id)) return turned(vector, count() - 1);
+  return on_axis(id) ? Vec3{vector[0], 0, 0} : vector;
+}
+
 void Sector::find_pairs(const Mesh& mesh, std::span<const Vec3> places, const std::string& field) {
   std::vector<char> use = at_faces(mesh);
   for (const PointId id : axis_points_) use[id] = 0;

@@ -60,6 +60,11 @@ class Sector {
   bool on_axis(PointId id) const;                                             ///< whether a point lies on the axis
   bool on_axis(const Vec3& place) const;                                      ///< the same of any place
 
+  /// The displacement of a point, from that of the point whose image it is where it is one: turned, and on the axis along it.
+  Vec3 from_first(PointId id, const Vec3& of_first) const;
+  /// The transpose: a vector at a point as one at the point whose image it is. Without a sector both change nothing.
+  Vec3 at_first(PointId id, const Vec3& vector) const;
+
   /// How many partners and points on the axis there are, one sentence.
   std::string note() const;
   std::size_t bytes() const;

@@ -17,6 +17,7 @@
 #include "core/deformers/system.h"
 #include "tests/core/deformers/energy_cases.h"
 #include "tests/core/deformers/estimate_bounds.h"
+#include "tests/core/deformers/half_cages.h"
 #include "tests/core/deformers/mirrored.h"
 #include "tests/core/deformers/mirrored_sheet.h"
 #include "tests/core/numerics/cages.h"
@@ -27,77 +28,14 @@ namespace {
 
 using test::across;
 using test::bent;
+using test::cage_setup;
+using test::moved_in;
+using test::options_of;
+using test::own_displacements;
+using test::pyramids;
 using test::shared;
 
-Region ids(std::vector<std::uint32_t> list) { return {Region::ControlIds{std::move(list)}}; }
-
-CageOptions options_of(const test::CageMesh& mesh) {
-  CageOptions options;
-  options.control = CageControl::controls;
-  options.vertices = mesh.vertices;
-  options.triangles = mesh.triangles;
-  return options;
-}
-
-/// A box whose sides have a vertex in the middle, so that it is its own image in three planes: corners 0 to 7, bit k at the far
-/// end of axis k, then two middles for each axis, near and far.
-test::CageMesh pyramids(const Vec3& low, const Vec3& high) {
-  test::CageMesh mesh;
-  for (unsigned c = 0; c < 8; ++c) {
-    Vec3 x{};
-    for (std::size_t k = 0; k < 3; ++k) x[k] = (c >> k & 1u) != 0 ? high[k] : low[k];
-    mesh.vertices.push_back(x);
-  }
-  for (unsigned k = 0; k < 3; ++k) {
-    const unsigned i = 1u << (k + 1) % 3, j = 1u << (k + 2) % 3;
-    for (unsigned far = 0; far < 2; ++far) {
-      const unsigned base = far << k;
-      Vec3 middle = 0.5 * (low + high);
-      middle[k] = far != 0 ? high[k] : low[k];
-      const auto m = static_cast<std::uint32_t>(mesh.vertices.size());
-      mesh.vertices.push_back(middle);
-      const std::array<std::uint32_t, 4> round{base, base | i, base | i | j, base | j};
-      for (std::size_t e = 0; e < 4; ++e) {
-        Cage::Triangle t{round[e], round[(e + 1) % 4], m};
-        if (far == 0) std::swap(t[0], t[1]);
-        mesh.triangles.push_back(t);
-      }
-    }
-  }
-  return mesh;
-}
-
-const Vec3 low{-0.2, -1.3, -0.6}, high{2.3, 1.3, 0.7}, cut{-0.2, 0, -0.6};
-
-/// "end" holds the far corners at high y, "middle" the middle of the side there; of a cage from `from` on.
-deform::Setup cage_setup(const CageOptions& options, std::vector<std::uint32_t> end = {3, 7}) {
-  deform::Setup setup = test::half_setup(options);
-  setup.handles[0].region = ids(std::move(end));
-  setup.handles[1].region = ids({11});
-  setup.fixed = {ids({8})};
-  return setup;
-}
-
-/// The displacement of each vertex that handles move, zero for the others.
-std::vector<Vec3> own_displacements(const deform::Setup& setup, const Mesh& mesh, const CageOptions& cage, const Design& design) {
-  const SelectedRegions regions = validate(setup, mesh);
-  const std::vector<Affine> motions = handle_motions(setup, design.variables);
-  std::vector<Vec3> moved(cage.vertices.size());
-  for (std::size_t h = 0; h < motions.size(); ++h) {
-    for (const PointId p : regions.handles[h]) moved[p] = transformed(motions[h], cage.vertices[p]) - cage.vertices[p];
-  }
-  return moved;
-}
-
-/// The points of a mesh in a cage of which every vertex has a displacement, without planes.
-Points moved_in(const CageOptions& cage, const Mesh& mesh, const std::vector<Vec3>& displacements) {
-  std::vector<std::uint32_t> all;
-  for (std::uint32_t v = 0; v < cage.vertices.size(); ++v) all.push_back(v);
-  deform::Setup setup;
-  setup.method = cage;
-  setup.handles = {{"all", ids(std::move(all))}};
-  return prepare(shared(Mesh(mesh)), setup)->evaluate({{}, {{0, displacements}}});
-}
+constexpr Vec3 low = test::cage_low, high = test::cage_high, cut = test::cage_cut;
 
 void expect_points(const System& system, const Mesh& half, const Design& design, const Points& expected) {
   for (const EvaluationPath path : {EvaluationPath::basis, EvaluationPath::direct}) {
@@ -132,7 +70,7 @@ TEST(CageSymmetry, ACageThatIsItsOwnImageMovesWithTheImagesOfItsHandles) {
   const auto system = prepare(half, setup);
   expect_points(*system, *half, bent, expected);
   EXPECT_THAT(system->info().notes, testing::Contains(testing::HasSubstr("3 are mirror images of these")));
-  setup.handles[0].region = ids({1, 3, 5, 7});  // with the images
+  setup.handles[0].region = test::control_ids({1, 3, 5, 7});  // with the images
   expect_points(*prepare(half, setup), *half, bent, expected);
   // Places on the other side.
   const auto map = system->bind_in_space(bent, {});
@@ -191,7 +129,7 @@ TEST(CageSymmetry, SeveralPlanesInAnyDirection) {
       deform::Setup setup;
       setup.method = cage;
       setup.symmetry = model.setup.symmetry;
-      setup.handles = {{"corner", ids({7, 9, 11})}};
+      setup.handles = {{"corner", test::control_ids({7, 9, 11})}};
       std::vector<Vec3> given;
       for (const std::size_t v : {7u, 9u, 11u}) {
         Vec3 u{0.1 + 0.01 * static_cast<double>(v), -0.2, 0.15};
@@ -248,17 +186,14 @@ TEST(CageSymmetry, RefusesOtherCages) {
   }
   mesh.vertices.erase(mesh.vertices.begin() + 8, mesh.vertices.begin() + 10);
   deform::Setup unlike = cage_setup(options_of(mesh));
-  unlike.handles[1].region = ids({9});
+  unlike.handles[1].region = test::control_ids({9});
   test::expect_error(ErrorCode::invalid_argument, {"symmetry[0]", "triangle 16", "split alike"}, [&] { prepare(half, unlike); });
   refused(options_of(pyramids({-0.2, -0.1, -0.6}, high)), {"symmetry[0]", "vertex 0 has no image"});
   // Its face in the plane does not reach the end of the sheet.
   refused(options_of(pyramids({0.5, 0, -0.6}, high)), {"ends in symmetry[0]", "6 points", "the first is 0"});
-  CageOptions green = options_of(pyramids(low, high));
-  green.coordinates = CageCoordinates::green;
-  refused(green, {"symmetry", "GREEN", "MEAN_VALUE"});
   // Vertex 10 is the image of 11, which moves.
   deform::Setup setup = cage_setup(options_of(pyramids(low, high)));
-  setup.fixed = {ids({10})};
+  setup.fixed = {test::control_ids({10})};
   test::expect_error(ErrorCode::invalid_argument, {"\"middle\"", "control point 11", "symmetry[0]", "control point 10"},
                      [&] { prepare(half, setup); });
 }

@@ -187,10 +187,6 @@ TEST(SectorControls, RefusesOtherCages) {
   model.setup.handles[0].region = {Region::ControlIds{{0}}};
   test::expect_error(ErrorCode::invalid_argument, {"method.cage", "wheel of 5 sectors", "vertex 1 has no image"},
                      [&] { prepare(model.sector, model.setup); });
-  options = can(model, 2);
-  options.coordinates = CageCoordinates::green;
-  model.setup.method = options;
-  test::expect_error(ErrorCode::invalid_argument, {"GREEN", "MEAN_VALUE"}, [&] { prepare(model.sector, model.setup); });
 }
 
 }  // namespace
