@@ -6,16 +6,21 @@
 
 #include <BRepAlgoAPI_Cut.hxx>
 #include <BRepAlgoAPI_Fuse.hxx>
+#include <BRepBuilderAPI_MakeEdge.hxx>
+#include <BRepBuilderAPI_MakeFace.hxx>
+#include <BRepBuilderAPI_MakeWire.hxx>
 #include <BRepBuilderAPI_NurbsConvert.hxx>
 #include <BRepBuilderAPI_Transform.hxx>
 #include <BRepPrimAPI_MakeBox.hxx>
 #include <BRepPrimAPI_MakeCone.hxx>
 #include <BRepPrimAPI_MakeCylinder.hxx>
+#include <BRepPrimAPI_MakePrism.hxx>
 #include <BRepTools.hxx>
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <functional>
+#include <gp_Circ.hxx>
 #include <numbers>
 
 #include "core/base/error.h"
@@ -140,6 +145,42 @@ TEST_F(CadMove, FacesAreFoundWhateverTheirOrder) {
   const CarriedNodes carried = carry(box(1, 2, 3), turned, mesh);
   for (std::size_t i = 0; i < carried.nodes.size(); ++i)
     EXPECT_LT(distance(carried.places[i], mesh.points[carried.nodes[i]]), 1e-9) << i;
+}
+
+/// A prism on an arc from -170 to 100 degrees and two lines, of which the first goes on along its tangent.
+TopoDS_Shape arc_and_tangent(double size) {
+  const gp_Circ circle(gp::XOY(), size);
+  const double from = -170 * std::numbers::pi / 180, to = 100 * std::numbers::pi / 180;
+  const gp_Pnt start(size * std::cos(from), size * std::sin(from), 0), end(size * std::cos(to), size * std::sin(to), 0);
+  const gp_Pnt corner = end.Translated(0.5 * size * gp_Vec(-std::sin(to), std::cos(to), 0));
+  BRepBuilderAPI_MakeWire wire(BRepBuilderAPI_MakeEdge(circle, from, to).Edge());
+  wire.Add(BRepBuilderAPI_MakeEdge(end, corner).Edge());
+  wire.Add(BRepBuilderAPI_MakeEdge(corner, start).Edge());
+  return BRepPrimAPI_MakePrism(BRepBuilderAPI_MakeFace(wire.Wire()).Face(), gp_Vec(0, 0, size)).Shape();
+}
+
+TEST_F(CadMove, AnArcHoldsNoNodesBeyondItsEnd) {
+  for (const double size : {1.0, 1000.0}) {
+    // Beside the line by 2e-5, as in a file with few digits: the circle beyond the end of the arc is as near as that or nearer.
+    const double turn = 100 * std::numbers::pi / 180;
+    const Vec3 out{std::cos(turn), std::sin(turn), 0}, along{-std::sin(turn), std::cos(turn), 0};
+    Mesh mesh;
+    for (const double s : {0.005, 0.006, 0.007, 0.008, 0.009}) {
+      const auto first = static_cast<PointId>(mesh.points.size());
+      for (const Vec3& p : {(1 - 2e-5) * out + s * along, out + (s + 0.2) * along, Vec3{0, 0, 0}})
+        mesh.points.push_back(size * p);
+      for (PointId k = 0; k < 3; ++k) mesh.face_points.push_back(first + k);
+      mesh.face_sizes.push_back(3);
+    }
+    const TopoDS_Shape before = arc_and_tangent(size);
+    gp_Trsf shift;
+    shift.SetTranslation(gp_Vec(0, 0, 2 * size));
+    const CarriedNodes carried = carry(before, BRepBuilderAPI_Transform(before, shift, true).Shape(), mesh);
+    for (std::size_t i = 0; i < carried.nodes.size(); ++i) {
+      const Vec3& p = mesh.points[carried.nodes[i]];
+      EXPECT_LT(distance(carried.places[i], p + Vec3{0, 0, 2 * size}), 2.1e-5 * size) << i;
+    }
+  }
 }
 
 TEST_F(CadMove, OtherStructuresAreRefusedByName) {
