@@ -5,9 +5,12 @@
 #include <BRepAdaptor_Surface.hxx>
 #include <BRepBuilderAPI_MakeVertex.hxx>
 #include <BRepExtrema_DistShapeShape.hxx>
+#include <BRepGProp.hxx>
 #include <BRepTools.hxx>
 #include <BRepTopAdaptor_FClass2d.hxx>
 #include <BRep_Tool.hxx>
+#include <GCPnts_AbscissaPoint.hxx>
+#include <GProp_GProps.hxx>
 #include <Geom2d_Curve.hxx>
 #include <Geom_Surface.hxx>
 #include <ShapeAnalysis_Surface.hxx>
@@ -45,8 +48,9 @@ namespace {
 constexpr double still = 1e-12;         ///< of D: what the model moves less does not move
 constexpr double outside_limit = 1e-9;  ///< of D
 constexpr std::size_t checked_nodes = 1000;
-constexpr int most_samples = 300;    ///< of one edge
-constexpr double much_better = 0.7;  ///< ratio of distortions
+constexpr int most_samples = 300;                                 ///< of one edge
+constexpr double length_tolerance = 1e-3, area_tolerance = 1e-2;  ///< of D; relative
+constexpr double much_better = 0.7;                               ///< ratio of distortions
 
 Vec3 vec(const gp_Pnt& p) { return {p.X(), p.Y(), p.Z()}; }
 gp_Pnt pnt(const Vec3& p) { return {p[0], p[1], p[2]}; }
@@ -72,6 +76,7 @@ class Carrier {
     for (const Owner& owner : owners_) {
       if (owner.kind == Owner::Kind::edge) samples_[owner.index] += 3;
     }
+    sample_thin_faces();
     for (int& samples : samples_) samples = std::clamp(samples, 20, most_samples);
   }
 
@@ -123,6 +128,25 @@ class Carrier {
   struct Triangle {
     std::array<std::size_t, 3> corners{};  ///< in nodes_; counter-clockwise seen along du x dv of the old face
   };
+
+  /// A warp between samples that are farther apart than the face is wide leaves it.
+  void sample_thin_faces() {
+    std::vector<double> lengths(before_.edge_count(), 0.0);
+    for (int e = 0; e < before_.edge_count(); ++e) {
+      if (!BRep_Tool::Degenerated(before_.edge(e)))
+        lengths[e] = GCPnts_AbscissaPoint::Length(BRepAdaptor_Curve(before_.edge(e)), length_tolerance * before_.diagonal);
+    }
+    for (int f = 0; f < before_.face_count(); ++f) {
+      GProp_GProps area;
+      BRepGProp::SurfaceProperties(before_.face(f), area, area_tolerance);
+      double around = 0;
+      for (const Coedge& use : before_.coedges[f]) around += lengths[use.edge];
+      if (!(area.Mass() > 0)) continue;
+      const double width = 2 * area.Mass() / around;
+      for (const Coedge& use : before_.coedges[f])
+        samples_[use.edge] = std::max(samples_[use.edge], static_cast<int>(std::min(2 * lengths[use.edge] / width, 1e6)));
+    }
+  }
 
   /// Nodes on seams that do not go to a seam lie in the face, those at their ends on the closed edge.
   void leave_seams() {

@@ -192,6 +192,35 @@ TEST_F(CadMove, AnArcHoldsNoNodesBeyondItsEnd) {
   }
 }
 
+/// A part of a disc with a hole, of the unit thickness, from angle 0 on.
+TopoDS_Shape sector(double inner, double outer, double angle) {
+  const auto at = [](double radius, double turn) { return gp_Pnt(radius * std::cos(turn), radius * std::sin(turn), 0); };
+  BRepBuilderAPI_MakeWire wire(BRepBuilderAPI_MakeEdge(gp_Circ(gp::XOY(), outer), 0, angle).Edge());
+  wire.Add(BRepBuilderAPI_MakeEdge(at(outer, angle), at(inner, angle)).Edge());
+  wire.Add(BRepBuilderAPI_MakeEdge(gp_Circ(gp::XOY(), inner), 0, angle).Edge());
+  wire.Add(BRepBuilderAPI_MakeEdge(at(outer, 0), at(inner, 0)).Edge());
+  return BRepPrimAPI_MakePrism(BRepBuilderAPI_MakeFace(wire.Wire()).Face(), gp_Vec(0, 0, 1)).Shape();
+}
+
+TEST_F(CadMove, ThinFacesHoldTheirNodes) {
+  Mesh mesh;  // along the middle of the thin face
+  for (int k = 0; k < 80; ++k) {
+    const double turn = 0.05 + 0.025 * k;
+    for (const auto& [radius, angle] : {std::pair{1.003, turn}, {1.005, turn}, {1.004, turn + 0.005}}) {
+      mesh.face_points.push_back(static_cast<PointId>(mesh.points.size()));
+      mesh.points.push_back({radius * std::cos(angle), radius * std::sin(angle), 0});
+    }
+    mesh.face_sizes.push_back(3);
+  }
+  const CarriedNodes carried = carry(sector(1, 1.008, 2.1), sector(1.3, 1.307, 1.5), mesh);
+  for (const FaceOutcome& face : carried.faces) EXPECT_EQ(face.warp_outside, 0u);
+  for (std::size_t i = 0; i < carried.nodes.size(); ++i) {
+    const Vec3& p = carried.places[i];
+    const double share = (length(mesh.points[i]) - 1) / 0.008;
+    EXPECT_NEAR((std::hypot(p[0], p[1]) - 1.3) / 0.007, share, 0.05) << i;
+  }
+}
+
 /// A cubic spline with n x n control points, those at the rim of it on the rim of the unit square where `pole` leaves them.
 Handle(Geom_BSplineSurface) spline_of(int n, const std::function<Vec3(double, double)>& pole) {
   TColgp_Array2OfPnt poles(1, n, 1, n);
