@@ -5,9 +5,12 @@
 #include <BRepAdaptor_Surface.hxx>
 #include <BRepBuilderAPI_MakeVertex.hxx>
 #include <BRepExtrema_DistShapeShape.hxx>
+#include <BRepGProp.hxx>
 #include <BRepTools.hxx>
 #include <BRepTopAdaptor_FClass2d.hxx>
 #include <BRep_Tool.hxx>
+#include <GCPnts_AbscissaPoint.hxx>
+#include <GProp_GProps.hxx>
 #include <Geom2d_Curve.hxx>
 #include <Geom_Surface.hxx>
 #include <ShapeAnalysis_Surface.hxx>
@@ -34,6 +37,7 @@
 #include "core/cad/face_warp.h"
 #include "core/cad/model.h"
 #include "core/cad/node_owners.h"
+#include "core/cad/normal_warp.h"
 #include "core/cad/periodic_warp.h"
 #include "core/mesh/region.h"
 
@@ -44,7 +48,9 @@ namespace {
 constexpr double still = 1e-12;         ///< of D: what the model moves less does not move
 constexpr double outside_limit = 1e-9;  ///< of D
 constexpr std::size_t checked_nodes = 1000;
-constexpr int most_samples = 300;  ///< of one edge
+constexpr int most_samples = 300;                                 ///< of one edge
+constexpr double length_tolerance = 1e-3, area_tolerance = 1e-2;  ///< of D; relative
+constexpr double much_better = 0.7;                               ///< ratio of distortions
 
 Vec3 vec(const gp_Pnt& p) { return {p.X(), p.Y(), p.Z()}; }
 gp_Pnt pnt(const Vec3& p) { return {p[0], p[1], p[2]}; }
@@ -70,6 +76,7 @@ class Carrier {
     for (const Owner& owner : owners_) {
       if (owner.kind == Owner::Kind::edge) samples_[owner.index] += 3;
     }
+    sample_thin_faces();
     for (int& samples : samples_) samples = std::clamp(samples, 20, most_samples);
   }
 
@@ -100,6 +107,10 @@ class Carrier {
       context.check();
       carried.faces.push_back(carry_on_face(f, inside[f], carried.places));
     }
+    for (int f = 0; f < before_.face_count(); ++f) {
+      context.check();
+      even_out(f, inside[f], carried.places);
+    }
     for (int f = 0; f < before_.face_count(); ++f) mend(f, carried.places, carried.faces[f], context);
     for (int f = 0; f < before_.face_count(); ++f) {
       for (const Triangle& triangle : triangles_[f]) {
@@ -117,6 +128,25 @@ class Carrier {
   struct Triangle {
     std::array<std::size_t, 3> corners{};  ///< in nodes_; counter-clockwise seen along du x dv of the old face
   };
+
+  /// A warp between samples that are farther apart than the face is wide leaves it.
+  void sample_thin_faces() {
+    std::vector<double> lengths(before_.edge_count(), 0.0);
+    for (int e = 0; e < before_.edge_count(); ++e) {
+      if (!BRep_Tool::Degenerated(before_.edge(e)))
+        lengths[e] = GCPnts_AbscissaPoint::Length(BRepAdaptor_Curve(before_.edge(e)), length_tolerance * before_.diagonal);
+    }
+    for (int f = 0; f < before_.face_count(); ++f) {
+      GProp_GProps area;
+      BRepGProp::SurfaceProperties(before_.face(f), area, area_tolerance);
+      double around = 0;
+      for (const Coedge& use : before_.coedges[f]) around += lengths[use.edge];
+      if (!(area.Mass() > 0)) continue;
+      const double width = 2 * area.Mass() / around;
+      for (const Coedge& use : before_.coedges[f])
+        samples_[use.edge] = std::max(samples_[use.edge], static_cast<int>(std::min(2 * lengths[use.edge] / width, 1e6)));
+    }
+  }
 
   /// Nodes on seams that do not go to a seam lie in the face, those at their ends on the closed edge.
   void leave_seams() {
@@ -180,6 +210,54 @@ class Carrier {
       }
     }
     return outcome;
+  }
+
+  /// By how much triangles have to keep their shapes better without (u, v) of the partner, which mean little where it has another
+  /// type and may run otherwise in free forms. 0: (u, v) count.
+  double weight_of_parameters(int f) const {
+    const GeomAbs_SurfaceType from = BRepAdaptor_Surface(before_.face(f), false).GetType(),
+                              to = BRepAdaptor_Surface(after_.face(partners_.faces[f]), false).GetType();
+    const auto& uses = before_.coedges[f];
+    const bool loose =
+        std::any_of(uses.begin(), uses.end(), [&](const Coedge& use) { return use.seam && rings_.loose[use.edge]; });
+    if (loose || keeps_parameters(f)) return 0;
+    return from != to ? 1 : to > GeomAbs_Torus ? much_better : 0;
+  }
+
+  /// Follows the normals of the old face, carried with its boundary, where triangles keep their shapes better so than by (u, v)
+  /// of the partner.
+  void even_out(int f, const std::vector<std::size_t>& inside, Points& places) {
+    const double weight = inside.empty() ? 0 : weight_of_parameters(f);
+    if (weight == 0) return;
+    const NormalWarp warp(before_, after_, partners_, f, edges_, samples_);
+    std::vector<Parameters> found;
+    for (const std::size_t i : inside) {
+      const std::optional<Parameters> uv = warp(owners_[i].uv, parameters_[i]);
+      if (!uv) return;
+      found.push_back(*uv);
+    }
+    const auto from = BRep_Tool::Surface(before_.face(f)), to = BRep_Tool::Surface(after_.face(partners_.faces[f]));
+    std::vector<std::size_t> members;
+    const FacePatch patch = patch_of(f, places, members);
+    FacePatch other = patch;
+    std::unordered_map<std::size_t, std::size_t> local;
+    for (std::size_t k = 0; k < members.size(); ++k) local[members[k]] = k;
+    for (std::size_t k = 0; k < inside.size(); ++k) {
+      const auto known = local.find(inside[k]);
+      if (known == local.end()) continue;  // of no triangle
+      other.nodes[known->second].uv = found[k];
+      other.nodes[known->second].place = vec(to->Value(found[k][0], found[k][1]));
+    }
+    const std::size_t faults = flipped_triangles(to, patch).size() + nodes_outside(f, patch).size(),
+                      others = flipped_triangles(to, other).size() + nodes_outside(f, other).size();
+    if (others > faults || !(distortion(other) < weight * distortion(patch))) return;
+    for (std::size_t k = 0; k < inside.size(); ++k) {
+      const std::size_t i = inside[k];
+      const Parameters& uv = owners_[i].uv;
+      parameters_[i] = found[k];
+      places[i] = mesh_.points[nodes_[i]];
+      move(from->Value(uv[0], uv[1]), to->Value(found[k][0], found[k][1]), places[i]);
+    }
   }
 
   /// Slides the nodes around what the warp flipped or took out of the face, more of them each time, and keeps what is best.

@@ -75,7 +75,8 @@ struct CarriedNodes {
 /// paired by structure: colour refinement of the incidences of faces, loops, edges and vertices, with the types of the faces,
 /// tells apart what it can; among the rest the positions decide, after a translation and a scaling. Nodes on edges keep the
 /// fraction of the edge's parameter, or of its arc length when the type of the curve changed. Nodes inside faces follow a warp of
-/// (u, v) in metric lengths by r^2 log r with {x, y, 1} that takes the boundary of the old face to that of the new one; around
+/// (u, v) in metric lengths by r^2 log r with {x, y, 1} that takes the boundary of the old face to that of the new one, or the
+/// normals of the old face where its type changed or both are free forms and triangles keep their shapes better so; around
 /// triangles that it flips and nodes that leave the trimmed face, nodes are slid on the surface until there are none
 /// (face_mending.h), and what is left is counted. A node whose place on the model does not change stays as it
 /// is. Deterministic. Any thread may call, one at a time: reading sets global options of OpenCASCADE.

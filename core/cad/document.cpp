@@ -2,12 +2,16 @@
 #include "core/cad/document.h"
 
 #include <APIHeaderSection_MakeHeader.hxx>
+#include <BRepAdaptor_Curve.hxx>
 #include <BRepLib.hxx>
 #include <BRepTools.hxx>
 #include <BRep_Builder.hxx>
+#include <BRep_Tool.hxx>
+#include <GCPnts_AbscissaPoint.hxx>
 #include <IFSelect_ReturnStatus.hxx>
 #include <Interface_HArray1OfHAsciiString.hxx>
 #include <Interface_Static.hxx>
+#include <Precision.hxx>
 #include <STEPCAFControl_Reader.hxx>
 #include <STEPCAFControl_Writer.hxx>
 #include <ShapeUpgrade_RemoveLocations.hxx>
@@ -20,12 +24,15 @@
 #include <TDocStd_Document.hxx>
 #include <TopExp.hxx>
 #include <TopTools_IndexedMapOfShape.hxx>
+#include <TopoDS.hxx>
 #include <TopoDS_Compound.hxx>
 #include <XCAFApp_Application.hxx>
 #include <XCAFDoc_ColorTool.hxx>
 #include <XCAFDoc_DocumentTool.hxx>
 #include <XCAFDoc_ShapeTool.hxx>
+#include <algorithm>
 #include <fstream>
+#include <limits>
 
 #include "core/base/error.h"
 #include "core/base/small_file.h"
@@ -210,6 +217,23 @@ bool write_brep(const TopoDS_Shape& shape, const std::string& text, const std::f
   return file.good();
 }
 
+/// What the file says about how exact it is, in the unit of the model: as the widest edge, since readers project curves in (u, v)
+/// anew that are farther off than that, but no more than a tenth of the shortest one, since they drop edges that are shorter.
+double uncertainty_of(const Document& document) {
+  double widest = 0, shortest = std::numeric_limits<double>::infinity();
+  for (const Part& part : document.parts) {
+    TopTools_IndexedMapOfShape edges;
+    TopExp::MapShapes(part.shape, TopAbs_EDGE, edges);
+    for (int i = 1; i <= edges.Extent(); ++i) {
+      const TopoDS_Edge edge = TopoDS::Edge(edges(i));
+      if (BRep_Tool::Degenerated(edge)) continue;
+      widest = std::max(widest, BRep_Tool::Tolerance(edge));
+      shortest = std::min(shortest, GCPnts_AbscissaPoint::Length(BRepAdaptor_Curve(edge), 1e-2));
+    }
+  }
+  return std::max(Precision::Confusion(), std::min(widest, 0.1 * shortest));
+}
+
 void write_step(const Document& document, const std::filesystem::path& path) {
   const OpenDocument open;
   const auto shapes = open.shapes();
@@ -238,6 +262,8 @@ void write_step(const Document& document, const std::filesystem::path& path) {
   }
   shapes->UpdateAssemblies();
   Interface_Static::SetCVal("write.step.unit", Interface_Static::CVal("xstep.cascade.unit"));
+  Interface_Static::SetIVal("write.precision.mode", 2);
+  Interface_Static::SetRVal("write.precision.val", uncertainty_of(document));
   STEPCAFControl_Writer writer;
   writer.SetColorMode(true);
   writer.SetNameMode(true);

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <deque>
+#include <limits>
 
 #include "core/base/vectors.h"
 
@@ -269,6 +270,33 @@ std::vector<std::size_t> flipped_triangles(const Handle(Geom_Surface) & surface,
     if (area.dot(normals[a] + normals[b] + normals[c]) < 0) flipped.push_back(t);
   }
   return flipped;
+}
+
+double distortion(const FacePatch& patch) {
+  struct Grown {
+    double before = 0, now = 0, stretch = 0;
+  };
+  std::vector<Grown> grown;
+  double before = 0, now = 0;
+  for (const FacePatch::Triangle& triangle : patch.triangles) {
+    const Rest rest = rest_of(triangle, 1);
+    const auto& [a, b, c] = triangle.nodes;
+    const Vector3d o = vector(patch.nodes[a].place);
+    Eigen::Matrix<double, 3, 2> sides;
+    sides << vector(patch.nodes[b].place) - o, vector(patch.nodes[c].place) - o;
+    const double area = 0.5 * sides.col(0).cross(sides.col(1)).norm();
+    if (!(area > 0) || !rest.inverse.allFinite()) return std::numeric_limits<double>::infinity();
+    // |J|^2 / (2 det J) is (s + 1/s) / 2.
+    grown.push_back({rest.area, area, 0.5 * (sides * rest.inverse).squaredNorm() * rest.area / area});
+    before += rest.area;
+    now += area;
+  }
+  double sum = 0;
+  for (const Grown& of : grown) {
+    const double growth = of.now / of.before * (before / now);
+    sum += of.before * (of.stretch - 1 + 0.5 * (growth + 1 / growth) - 1);
+  }
+  return before > 0 ? sum / before : 0;
 }
 
 void slide_inner_nodes(const Handle(Geom_Surface) & surface, FacePatch& patch, const std::vector<std::size_t>& triangles,

@@ -31,6 +31,11 @@ struct FacePatch {
 /// Triangles that lie the other way round than du x dv of the surface says, as their index.
 std::vector<std::size_t> flipped_triangles(const Handle(Geom_Surface) & surface, const FacePatch& patch);
 
+/// How far triangles are from their shapes and from growing all alike: mean over the areas at rest of (s + 1/s) / 2 - 1, with s
+/// the ratio of the largest and the least stretch, and the same with the ratio of the growth of the area and its mean. 0: a
+/// similarity; infinite where a triangle has no area.
+double distortion(const FacePatch& patch);
+
 /// Slides inner nodes on the surface until no triangle is flipped: those within `rings` edges of the triangles and nodes given.
 /// The energy of a triangle is that of Garanzha, Kaporin, Kudryavtseva, Protais, Ray, Sokolov, "Foldover-free maps in 50 lines of
 /// code" (ACM Transactions on Graphics 40(4), 2021), with the determinant measured along the normal of the surface; it is least

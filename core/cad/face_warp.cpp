@@ -4,17 +4,16 @@
 #include <BRepAdaptor_Surface.hxx>
 #include <BRepTools.hxx>
 #include <BRep_Tool.hxx>
-#include <Eigen/LU>
 #include <Geom2d_Curve.hxx>
 #include <TopoDS.hxx>
 #include <algorithm>
-#include <cmath>
+#include <utility>
 
 namespace deform::cad {
 
 namespace {
 
-double kernel(double square) { return square > 0 ? 0.5 * square * std::log(square) : 0; }
+Eigen::Vector2d scaled(const Parameters& uv, const std::array<double, 2>& scale) { return {uv[0] * scale[0], uv[1] * scale[1]}; }
 
 }  // namespace
 
@@ -43,11 +42,10 @@ std::array<double, 2> parameter_lengths(const TopoDS_Face& face) {
   return {along_u / size, along_v / size};
 }
 
-FaceWarp::FaceWarp(const Model& before, const Model& after, const Correspondence& partners, int face,
-                   const std::vector<EdgeMap>& edges, const std::vector<int>& samples)
-    : scale_(parameter_lengths(before.face(face))) {
-  std::vector<Eigen::Vector2d> shifts;
-  double largest = 0;
+std::vector<BoundaryPair> boundary_pairs(const Model& before, const Model& after, const Correspondence& partners, int face,
+                                         const std::vector<EdgeMap>& edges, const std::vector<int>& samples,
+                                         const std::array<double, 2>& scale) {
+  std::vector<BoundaryPair> pairs;
   for (const Coedge& use : before.coedges[face]) {
     const int sense = use.sense * partners.edge_senses[use.edge] * partners.face_senses[face];
     const auto old_curve = curve_of(before, face, use);
@@ -57,38 +55,34 @@ FaceWarp::FaceWarp(const Model& before, const Model& after, const Correspondence
     for (int i = 0; i <= samples[use.edge]; ++i) {
       const double t = map.at(static_cast<double>(i) / samples[use.edge]);
       const gp_Pnt2d a = old_curve->Value(t), b = new_curve->Value(map(t));
-      const Eigen::Vector2d place = scaled({a.X(), a.Y()});
       // Corners are met by two edges.
-      if (std::any_of(centres_.begin(), centres_.end(), [&](const auto& c) { return (c - place).squaredNorm() < 1e-18; }))
-        continue;
-      centres_.push_back(place);
-      shifts.emplace_back(b.X() - a.X(), b.Y() - a.Y());
-      largest = std::max(largest, shifts.back().cwiseAbs().maxCoeff());
+      const bool known = std::any_of(pairs.begin(), pairs.end(), [&](const BoundaryPair& pair) {
+        return (scaled(pair.from, scale) - scaled({a.X(), a.Y()}, scale)).squaredNorm() < 1e-18;
+      });
+      if (!known) pairs.push_back({{a.X(), a.Y()}, {b.X(), b.Y()}});
     }
   }
-  const auto n = static_cast<Eigen::Index>(centres_.size());
-  if (largest < 1e-13 || n < 3) {
-    centres_.clear();
-    return;
+  return pairs;
+}
+
+FaceWarp::FaceWarp(const Model& before, const Model& after, const Correspondence& partners, int face,
+                   const std::vector<EdgeMap>& edges, const std::vector<int>& samples)
+    : scale_(parameter_lengths(before.face(face))) {
+  const std::vector<BoundaryPair> pairs = boundary_pairs(before, after, partners, face, edges, samples, scale_);
+  std::vector<Eigen::Vector2d> centres;
+  Eigen::MatrixXd shifts(static_cast<Eigen::Index>(pairs.size()), 2);
+  for (const auto& [from, to] : pairs) {
+    shifts.row(static_cast<Eigen::Index>(centres.size())) << to[0] - from[0], to[1] - from[1];
+    centres.push_back(scaled(from, scale_));
   }
-  Eigen::MatrixXd system = Eigen::MatrixXd::Zero(n + 3, n + 3);
-  Eigen::MatrixX2d right = Eigen::MatrixX2d::Zero(n + 3, 2);
-  for (Eigen::Index i = 0; i < n; ++i) {
-    for (Eigen::Index j = 0; j < n; ++j) system(i, j) = kernel((centres_[i] - centres_[j]).squaredNorm());
-    system.block<1, 3>(i, n) << centres_[i].x(), centres_[i].y(), 1;
-    system.block<3, 1>(n, i) = system.block<1, 3>(i, n).transpose();
-    right.row(i) = shifts[i].transpose();
-  }
-  weights_ = system.partialPivLu().solve(right);
+  if (pairs.size() < 3 || shifts.cwiseAbs().maxCoeff() < 1e-13) return;
+  shift_ = ThinPlate(std::move(centres), shifts);
 }
 
 Parameters FaceWarp::operator()(const Parameters& uv) const {
-  if (centres_.empty()) return uv;
-  const auto n = static_cast<Eigen::Index>(centres_.size());
-  const Eigen::Vector2d x = scaled(uv);
-  Eigen::RowVector2d shift = x.x() * weights_.row(n) + x.y() * weights_.row(n + 1) + weights_.row(n + 2);
-  for (Eigen::Index i = 0; i < n; ++i) shift += kernel((x - centres_[i]).squaredNorm()) * weights_.row(i);
-  return {uv[0] + shift.x(), uv[1] + shift.y()};
+  if (shift_.is_zero()) return uv;
+  const Eigen::RowVectorXd shift = shift_(scaled(uv, scale_));
+  return {uv[0] + shift[0], uv[1] + shift[1]};
 }
 
 }  // namespace deform::cad

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
-#include <Eigen/Core>
 #include <Geom2d_Curve.hxx>
 #include <array>
 #include <vector>
@@ -9,6 +8,7 @@
 #include "core/cad/correspondence.h"
 #include "core/cad/edge_map.h"
 #include "core/cad/model.h"
+#include "core/cad/thin_plate.h"
 
 namespace deform::cad {
 
@@ -20,21 +20,29 @@ Handle(Geom2d_Curve) curve_of(const Model& model, int face, const Coedge& use);
 /// Mean lengths of a step of u and of v, divided by the size of the face.
 std::array<double, 2> parameter_lengths(const TopoDS_Face& face);
 
+/// A place on the boundary of a face and where it goes on that of its partner, both in (u, v).
+struct BoundaryPair {
+  Parameters from{}, to{};
+};
+
+/// Of samples along all edges of a face, at most one at each place in (u, v) scaled by `scale`. edges: of all edges of the old
+/// model; samples: how many each edge gets at least.
+std::vector<BoundaryPair> boundary_pairs(const Model& before, const Model& after, const Correspondence& partners, int face,
+                                         const std::vector<EdgeMap>& edges, const std::vector<int>& samples,
+                                         const std::array<double, 2>& scale);
+
 /// The map of (u, v) of a face to those of its partner that takes boundary to boundary (thesis 6.2): r^2 log r and {x, y, 1} in
 /// metric lengths, through samples of all edges. Immutable.
 class FaceWarp {
  public:
-  /// edges: of all edges of the old model; samples: how many each edge gets at least.
+  /// As boundary_pairs().
   FaceWarp(const Model& before, const Model& after, const Correspondence& partners, int face, const std::vector<EdgeMap>& edges,
            const std::vector<int>& samples);
   Parameters operator()(const Parameters& uv) const;
 
  private:
-  Eigen::Vector2d scaled(const Parameters& uv) const { return {uv[0] * scale_[0], uv[1] * scale_[1]}; }
-
   std::array<double, 2> scale_{1, 1};
-  std::vector<Eigen::Vector2d> centres_;  ///< empty: the identity
-  Eigen::MatrixX2d weights_;              ///< n + 3
+  ThinPlate shift_;
 };
 
 }  // namespace deform::cad

@@ -69,6 +69,18 @@ void sample(Place& place) {
   place.samples = std::make_unique<const PointTree>(points);
 }
 
+/// Distance of a point from the nearest point of an edge, and its parameter. Projections go on beyond the ends of arcs and lines.
+double distance_from(const BRepAdaptor_Curve& edge, const gp_Pnt& p, double& t) {
+  gp_Pnt foot;
+  const double d = ShapeAnalysis_Curve().Project(edge, p, 1e-12, foot, t, false);
+  const double first = edge.FirstParameter(), last = edge.LastParameter();
+  if (edge.IsPeriodic()) t = ElCLib::InPeriod(t, first, first + edge.Period());
+  if (t >= first && t <= last) return d;
+  const double from_first = edge.Value(first).Distance(p), from_last = edge.Value(last).Distance(p);
+  t = from_first < from_last ? first : last;
+  return std::min(from_first, from_last);
+}
+
 class Finder {
  public:
   Finder(const Model& model, double tolerance) : model_(model), tolerance_(tolerance), snap_(1e-6 * model.diagonal) {
@@ -112,9 +124,8 @@ class Finder {
     if (place.region->Perform(gp_Pnt2d(found.uv[0], found.uv[1])) != TopAbs_OUT) return found;
     for (const Coedge& use : model_.coedges[f]) {
       if (edges_[use.edge].box.IsVoid() || edges_[use.edge].box.IsOut(p)) continue;
-      gp_Pnt foot;
       double t = 0;
-      if (ShapeAnalysis_Curve().Project(edges_[use.edge].curve, p, 1e-12, foot, t, false) <= tolerance_) return found;
+      if (distance_from(edges_[use.edge].curve, p, t) <= tolerance_) return found;
     }
     return std::nullopt;
   }
@@ -148,9 +159,8 @@ class Finder {
     best.distance = snap;
     for (int e = 0; e < model_.edge_count(); ++e) {
       if (!shared(faces_at_edge_[e]) || edges_[e].box.IsVoid() || edges_[e].box.IsOut(p)) continue;
-      gp_Pnt foot;
       double t = 0;
-      const double d = ShapeAnalysis_Curve().Project(edges_[e].curve, p, 1e-12, foot, t, false);
+      const double d = distance_from(edges_[e].curve, p, t);
       if (d <= best.distance) best = {Owner::Kind::edge, e, {t, 0}, d};
     }
     if (best.index >= 0) return best;
@@ -177,9 +187,8 @@ class Finder {
     if (best.index >= 0) return best;
     for (int e = 0; e < model_.edge_count(); ++e) {
       if (edges_[e].box.IsVoid() || edges_[e].box.IsOut(p)) continue;
-      gp_Pnt foot;
       double t = 0;
-      const double d = ShapeAnalysis_Curve().Project(edges_[e].curve, p, 1e-12, foot, t, false);
+      const double d = distance_from(edges_[e].curve, p, t);
       if (d <= best.distance) best = {Owner::Kind::edge, e, {t, 0}, d};
     }
     if (best.index >= 0) return best;

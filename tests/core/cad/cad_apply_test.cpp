@@ -9,6 +9,7 @@
 #include <BRepAlgoAPI_Cut.hxx>
 #include <BRepBuilderAPI_MakeFace.hxx>
 #include <BRepBuilderAPI_MakeVertex.hxx>
+#include <BRepBuilderAPI_Transform.hxx>
 #include <BRepCheck_Analyzer.hxx>
 #include <BRepExtrema_DistShapeShape.hxx>
 #include <BRepGProp.hxx>
@@ -47,6 +48,8 @@
 #include <filesystem>
 #include <fstream>
 #include <gp_Pln.hxx>
+#include <gp_Trsf.hxx>
+#include <iterator>
 #include <limits>
 #include <numbers>
 #include <random>
@@ -211,6 +214,43 @@ TEST_F(CadApply, TheReportedErrorIsThatOfTheFile) {
   EXPECT_LE(measured, 1.05 * model.error);
   EXPECT_GT(measured, 0.02 * model.error);
   EXPECT_GT(model.error, 1e-5 * model.diagonal) << "a coarse tolerance makes a coarse model";
+}
+
+/// What a STEP file says about how exact it is, in millimetres.
+double uncertainty_of(const std::filesystem::path& file) {
+  std::ifstream stream(file);
+  const std::string text((std::istreambuf_iterator<char>(stream)), {});
+  const std::string name = "UNCERTAINTY_MEASURE_WITH_UNIT(LENGTH_MEASURE(";
+  return std::stod(text.substr(text.find(name) + name.size()));
+}
+
+TEST_F(CadApply, TheFileSaysThatItIsAsExactAsItsWidestEdge) {
+  for (const double size : {1.0, 1000.0}) {
+    gp_Trsf scaling;
+    scaling.SetScale(gp::Origin(), size);
+    // With many edges that are met exactly the mean gap is small, and readers project the others anew.
+    BRep_Builder builder;
+    TopoDS_Compound all;
+    builder.MakeCompound(all);
+    builder.Add(all, block());
+    for (int i = 0; i < 40; ++i) builder.Add(all, BRepPrimAPI_MakeBox(gp_Pnt(-2, 2 + i, -5), 1, 0.5, 1).Shape());
+    ApplyRequest asked = request(BRepBuilderAPI_Transform(all, scaling, true).Shape(), ".step");
+    asked.tolerance = 1e-5;
+    const DeformedModel model =
+        apply_to_model(asked, each([&](const Vec3& p) { return size * (p[1] > 1.5 * size ? p / size : sheared(p / size)); }));
+    EXPECT_GE(uncertainty_of(asked.output), model.gap);
+    EXPECT_LE(uncertainty_of(asked.output), 1.3 * model.gap);
+  }
+}
+
+TEST_F(CadApply, NoEdgeIsShorterThanTheFileIsExact) {
+  // An edge of 2e-5 beside gaps of about 1e-4.
+  const TopoDS_Shape step = BRepAlgoAPI_Cut(block(), BRepPrimAPI_MakeBox(gp_Pnt(1, -1, 4 - 2e-5), 2, 2, 1).Shape()).Shape();
+  ApplyRequest asked = request(step, ".step");
+  asked.tolerance = 1e-4;
+  const DeformedModel model = apply_to_model(asked, each(sheared));
+  EXPECT_GT(model.gap, 1e-5);
+  EXPECT_NEAR(uncertainty_of(asked.output), 2e-6, 4e-7);
 }
 
 TEST_F(CadApply, WhatMovesRigidlyKeepsItsTypeAndWhatStaysIsKept) {

@@ -6,16 +6,30 @@
 
 #include <BRepAlgoAPI_Cut.hxx>
 #include <BRepAlgoAPI_Fuse.hxx>
+#include <BRepBuilderAPI_MakeEdge.hxx>
+#include <BRepBuilderAPI_MakeFace.hxx>
+#include <BRepBuilderAPI_MakeSolid.hxx>
+#include <BRepBuilderAPI_MakeWire.hxx>
 #include <BRepBuilderAPI_NurbsConvert.hxx>
+#include <BRepBuilderAPI_Sewing.hxx>
 #include <BRepBuilderAPI_Transform.hxx>
 #include <BRepPrimAPI_MakeBox.hxx>
 #include <BRepPrimAPI_MakeCone.hxx>
 #include <BRepPrimAPI_MakeCylinder.hxx>
+#include <BRepPrimAPI_MakePrism.hxx>
 #include <BRepTools.hxx>
+#include <Geom_BSplineSurface.hxx>
+#include <TColStd_Array1OfInteger.hxx>
+#include <TColStd_Array1OfReal.hxx>
+#include <TColgp_Array2OfPnt.hxx>
+#include <TopExp.hxx>
+#include <TopTools_IndexedMapOfShape.hxx>
+#include <TopoDS.hxx>
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <functional>
+#include <gp_Circ.hxx>
 #include <numbers>
 
 #include "core/base/error.h"
@@ -140,6 +154,172 @@ TEST_F(CadMove, FacesAreFoundWhateverTheirOrder) {
   const CarriedNodes carried = carry(box(1, 2, 3), turned, mesh);
   for (std::size_t i = 0; i < carried.nodes.size(); ++i)
     EXPECT_LT(distance(carried.places[i], mesh.points[carried.nodes[i]]), 1e-9) << i;
+}
+
+/// A prism on an arc from -170 to 100 degrees and two lines, of which the first goes on along its tangent.
+TopoDS_Shape arc_and_tangent(double size) {
+  const gp_Circ circle(gp::XOY(), size);
+  const double from = -170 * std::numbers::pi / 180, to = 100 * std::numbers::pi / 180;
+  const gp_Pnt start(size * std::cos(from), size * std::sin(from), 0), end(size * std::cos(to), size * std::sin(to), 0);
+  const gp_Pnt corner = end.Translated(0.5 * size * gp_Vec(-std::sin(to), std::cos(to), 0));
+  BRepBuilderAPI_MakeWire wire(BRepBuilderAPI_MakeEdge(circle, from, to).Edge());
+  wire.Add(BRepBuilderAPI_MakeEdge(end, corner).Edge());
+  wire.Add(BRepBuilderAPI_MakeEdge(corner, start).Edge());
+  return BRepPrimAPI_MakePrism(BRepBuilderAPI_MakeFace(wire.Wire()).Face(), gp_Vec(0, 0, size)).Shape();
+}
+
+TEST_F(CadMove, AnArcHoldsNoNodesBeyondItsEnd) {
+  for (const double size : {1.0, 1000.0}) {
+    // Beside the line by 2e-5, as in a file with few digits: the circle beyond the end of the arc is as near as that or nearer.
+    const double turn = 100 * std::numbers::pi / 180;
+    const Vec3 out{std::cos(turn), std::sin(turn), 0}, along{-std::sin(turn), std::cos(turn), 0};
+    Mesh mesh;
+    for (const double s : {0.005, 0.006, 0.007, 0.008, 0.009}) {
+      const auto first = static_cast<PointId>(mesh.points.size());
+      for (const Vec3& p : {(1 - 2e-5) * out + s * along, out + (s + 0.2) * along, Vec3{0, 0, 0}})
+        mesh.points.push_back(size * p);
+      for (PointId k = 0; k < 3; ++k) mesh.face_points.push_back(first + k);
+      mesh.face_sizes.push_back(3);
+    }
+    const TopoDS_Shape before = arc_and_tangent(size);
+    gp_Trsf shift;
+    shift.SetTranslation(gp_Vec(0, 0, 2 * size));
+    const CarriedNodes carried = carry(before, BRepBuilderAPI_Transform(before, shift, true).Shape(), mesh);
+    for (std::size_t i = 0; i < carried.nodes.size(); ++i) {
+      const Vec3& p = mesh.points[carried.nodes[i]];
+      EXPECT_LT(distance(carried.places[i], p + Vec3{0, 0, 2 * size}), 2.1e-5 * size) << i;
+    }
+  }
+}
+
+/// A part of a disc with a hole, of the unit thickness, from angle 0 on.
+TopoDS_Shape sector(double inner, double outer, double angle) {
+  const auto at = [](double radius, double turn) { return gp_Pnt(radius * std::cos(turn), radius * std::sin(turn), 0); };
+  BRepBuilderAPI_MakeWire wire(BRepBuilderAPI_MakeEdge(gp_Circ(gp::XOY(), outer), 0, angle).Edge());
+  wire.Add(BRepBuilderAPI_MakeEdge(at(outer, angle), at(inner, angle)).Edge());
+  wire.Add(BRepBuilderAPI_MakeEdge(gp_Circ(gp::XOY(), inner), 0, angle).Edge());
+  wire.Add(BRepBuilderAPI_MakeEdge(at(outer, 0), at(inner, 0)).Edge());
+  return BRepPrimAPI_MakePrism(BRepBuilderAPI_MakeFace(wire.Wire()).Face(), gp_Vec(0, 0, 1)).Shape();
+}
+
+TEST_F(CadMove, ThinFacesHoldTheirNodes) {
+  Mesh mesh;  // along the middle of the thin face
+  for (int k = 0; k < 80; ++k) {
+    const double turn = 0.05 + 0.025 * k;
+    for (const auto& [radius, angle] : {std::pair{1.003, turn}, {1.005, turn}, {1.004, turn + 0.005}}) {
+      mesh.face_points.push_back(static_cast<PointId>(mesh.points.size()));
+      mesh.points.push_back({radius * std::cos(angle), radius * std::sin(angle), 0});
+    }
+    mesh.face_sizes.push_back(3);
+  }
+  const CarriedNodes carried = carry(sector(1, 1.008, 2.1), sector(1.3, 1.307, 1.5), mesh);
+  for (const FaceOutcome& face : carried.faces) EXPECT_EQ(face.warp_outside, 0u);
+  for (std::size_t i = 0; i < carried.nodes.size(); ++i) {
+    const Vec3& p = carried.places[i];
+    const double share = (length(mesh.points[i]) - 1) / 0.008;
+    EXPECT_NEAR((std::hypot(p[0], p[1]) - 1.3) / 0.007, share, 0.05) << i;
+  }
+}
+
+/// A cubic spline with n x n control points, those at the rim of it on the rim of the unit square where `pole` leaves them.
+Handle(Geom_BSplineSurface) spline_of(int n, const std::function<Vec3(double, double)>& pole) {
+  TColgp_Array2OfPnt poles(1, n, 1, n);
+  for (int i = 0; i < n; ++i) {
+    for (int j = 0; j < n; ++j) {
+      const Vec3 p = pole(static_cast<double>(i) / (n - 1), static_cast<double>(j) / (n - 1));
+      poles(i + 1, j + 1) = gp_Pnt(p[0], p[1], p[2]);
+    }
+  }
+  TColStd_Array1OfReal knots(1, n - 2);
+  TColStd_Array1OfInteger multiplicities(1, n - 2);
+  multiplicities.Init(1);
+  multiplicities(1) = multiplicities(n - 2) = 4;
+  for (int i = 1; i <= n - 2; ++i) knots(i) = static_cast<double>(i - 1) / (n - 3);
+  return new Geom_BSplineSurface(poles, knots, knots, multiplicities, multiplicities, 3, 3);
+}
+
+/// Sewing leaves curves in (u, v) that far from their edges.
+constexpr double sewn = 1e-6;
+
+/// A box of 4 x 3 x 2 whose upper face is a spline with the same edges.
+TopoDS_Shape under(const Handle(Geom_BSplineSurface) & lid, double size) {
+  const TopoDS_Shape plain = box(4 * size, 3 * size, 2 * size);
+  BRepBuilderAPI_Sewing sewing(sewn * size);
+  TopTools_IndexedMapOfShape faces;
+  TopExp::MapShapes(plain, TopAbs_FACE, faces);
+  for (int f = 1; f <= 5; ++f) sewing.Add(faces(f));
+  sewing.Add(BRepBuilderAPI_MakeFace(lid, sewn * size).Face());
+  sewing.Perform();
+  return BRepBuilderAPI_MakeSolid(TopoDS::Shell(sewing.SewedShape())).Solid();
+}
+
+/// A bulge over the lid of the box, of `height` in the middle; inside, (u, v) are pushed along x by up to `push`.
+Handle(Geom_BSplineSurface) bulge(double height, double push, double size) {
+  return spline_of(12, [&](double u, double v) {
+    const double s = 16 * u * (1 - u) * v * (1 - v);
+    return size * Vec3{4 * u + push * s * (1 - u), 3 * v, 2 + height * s * s};
+  });
+}
+
+class CadFaces : public CadMove {
+ protected:
+  /// How far nodes on the lid of the box go along x and y, and whether they lie on the new model.
+  double slides(const TopoDS_Shape& before, const TopoDS_Shape& after, int n, double size) {
+    Mesh mesh;
+    add_grid(mesh, n, [&](double a, double b) { return Vec3{4 * size * a, 3 * size * b, 2 * size}; });
+    const CarriedNodes carried = carry(before, after, mesh);
+    EXPECT_LT(carried.distance, 1e-12 * carried.diagonal);
+    EXPECT_EQ(carried.flipped() + carried.outside(), 0u);
+    double farthest = 0;
+    for (std::size_t i = 0; i < carried.nodes.size(); ++i) {
+      const Vec3& p = mesh.points[carried.nodes[i]];
+      farthest = std::max(farthest, std::hypot(carried.places[i][0] - p[0], carried.places[i][1] - p[1]));
+    }
+    return farthest;
+  }
+};
+
+TEST_F(CadFaces, AFaceThatIsOnlyWrittenWithOtherParametersLeavesItsNodes) {
+  for (const double size : {1.0, 1000.0}) {
+    for (const int n : {7, 20}) {
+      const TopoDS_Shape pushed = under(bulge(0, 1, size), size);
+      EXPECT_LT(slides(box(4 * size, 3 * size, 2 * size), pushed, n, size), sewn * size);
+      EXPECT_LT(slides(under(bulge(0, 0, size), size), pushed, n, size), sewn * size);
+    }
+  }
+}
+
+TEST_F(CadFaces, ABulgeIsFollowedAlongTheNormalsHoweverItsParametersRun) {
+  for (const double push : {0.0, 1.0}) {
+    for (const int n : {7, 20}) EXPECT_LT(slides(box(4, 3, 2), under(bulge(1, push, 1), 1), n, 1), sewn);
+  }
+}
+
+TEST_F(CadFaces, NormalsTurnWithTheFace) {
+  const TopoDS_Shape bulged = under(bulge(0.7, 0.5, 1), 1);
+  gp_Trsf turn;
+  turn.SetRotation(gp_Ax1(gp_Pnt(2, 1.5, 1), gp_Dir(1, 2, 3)), 0.4);
+  Mesh mesh;
+  add_grid(mesh, 12, [](double a, double b) { return Vec3{4 * a, 3 * b, 2}; });
+  const CarriedNodes there = carry(box(4, 3, 2), BRepBuilderAPI_Transform(bulged, turn, true).Shape(), mesh);
+  for (std::size_t i = 0; i < there.nodes.size(); ++i) {
+    const gp_Pnt back = gp_Pnt(there.places[i][0], there.places[i][1], there.places[i][2]).Transformed(turn.Inverted());
+    EXPECT_LT(std::hypot(back.X() - mesh.points[i][0], back.Y() - mesh.points[i][1]), sewn) << i;
+  }
+}
+
+TEST_F(CadFaces, ASplineWhoseParametersRunAlikeKeepsThem) {
+  const auto before = bulge(0, 0, 1), after = bulge(1, 0.1, 1);
+  Mesh mesh;
+  add_grid(mesh, 12, [&](double a, double b) {
+    const gp_Pnt p = before->Value(a, b);
+    return Vec3{p.X(), p.Y(), p.Z()};
+  });
+  const CarriedNodes carried = carry(under(before, 1), under(after, 1), mesh);
+  for (std::size_t i = 0; i < carried.nodes.size(); ++i) {
+    const gp_Pnt p = after->Value(static_cast<double>(i % 13) / 12, static_cast<double>(i / 13) / 12);
+    EXPECT_LT(distance(carried.places[i], {p.X(), p.Y(), p.Z()}), sewn) << i;
+  }
 }
 
 TEST_F(CadMove, OtherStructuresAreRefusedByName) {

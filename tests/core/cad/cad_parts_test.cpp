@@ -27,14 +27,19 @@
 #include <XCAFDoc_DocumentTool.hxx>
 #include <XCAFDoc_ShapeTool.hxx>
 #include <array>
+#include <cmath>
 #include <filesystem>
 #include <gp_Pln.hxx>
 #include <map>
+#include <random>
+#include <vector>
 
 #include "core/cad/deformed_shape.h"
 #include "core/cad/document.h"
+#include "core/cad/face_mending.h"
 #include "core/cad/face_region.h"
 #include "core/cad/model.h"
+#include "core/cad/thin_plate.h"
 
 namespace deform::cad {
 namespace {
@@ -136,6 +141,43 @@ TEST(CadFaults, AllShapesAreLookedAt) {
   const TopoDS_Shape crossed = sheet({gp_Pnt(3, 0, 0), gp_Pnt(4, 1, 0), gp_Pnt(4, 0, 0), gp_Pnt(3, 1, 0)});
   EXPECT_THAT(faults_of(together(sound, crossed)), HasSubstr("loop 2 on face 2: "));
   EXPECT_THAT(faults_of(together(crossed, sound)), HasSubstr("loop 1 on face 1: "));
+}
+
+TEST(ThinPlate, InterpolatesReproducesPlanesAndHasItsGradient) {
+  std::mt19937 engine(3);
+  std::uniform_real_distribution<double> share(-1, 1);
+  std::vector<Eigen::Vector2d> centres;
+  Eigen::MatrixXd values(25, 3);
+  for (int i = 0; i < 25; ++i) {
+    centres.emplace_back(share(engine), share(engine));
+    values.row(i) << share(engine), std::sin(3 * centres[i].x()), 2 - centres[i].x() + 4 * centres[i].y();
+  }
+  const ThinPlate plate(centres, values);
+  for (int i = 0; i < 25; ++i) EXPECT_LT((plate(centres[i]) - values.row(i)).norm(), 1e-11);
+  for (int i = 0; i < 10; ++i) {
+    const Eigen::Vector2d x(share(engine), share(engine));
+    EXPECT_NEAR(plate(x)[2], 2 - x.x() + 4 * x.y(), 1e-11);
+    for (int k = 0; k < 2; ++k) {
+      const Eigen::Vector2d step = 1e-5 * Eigen::Vector2d::Unit(k);
+      const Eigen::RowVectorXd slope = (plate(x + step) - plate(x - step)) / 2e-5;
+      EXPECT_LT((plate.gradient(x).row(k) - slope).norm(), 1e-7);
+    }
+  }
+}
+
+TEST(Distortion, IsThatOfTheStretches) {
+  const auto stretched = [](const std::array<double, 2>& first, const std::array<double, 2>& second) {
+    FacePatch patch;  // two right triangles side by side, stretched along x and y
+    const auto add = [&](double x, double y) { patch.nodes.push_back({{x, y, 0}, {}, true}); };
+    add(0, 0), add(first[0], 0), add(0, first[1]);
+    add(0, 0), add(second[0], 0), add(0, second[1]);
+    for (const int k : {0, 3}) patch.triangles.push_back({{k, k + 1, k + 2}, {Vec3{5, 5, 5}, Vec3{5, 6, 5}, Vec3{5, 5, 6}}});
+    return patch;
+  };
+  EXPECT_NEAR(distortion(stretched({3, 3}, {3, 3})), 0, 1e-14);                                        // a similarity
+  EXPECT_NEAR(distortion(stretched({4, 2}, {2, 4})), 0.25, 1e-14);                                     // s = 2
+  EXPECT_NEAR(distortion(stretched({1, 1}, {2, 2})), (0.4 + 2.5) / 4 + (1.6 + 0.625) / 4 - 1, 1e-14);  // areas 1 and 4, mean 2.5
+  EXPECT_TRUE(std::isinf(distortion(stretched({1, 1}, {2, 0}))));
 }
 
 TEST(FaceRegion, CurvesThatMeetOnlyAlmostAreJoined) {
