@@ -54,17 +54,20 @@ class CircleModel : public RoundModel<CircleModel> {
   }
 };
 
-/// The projection onto a circle of free radius.
-class FreeCircle final : public FittedProjection<CircleModel>, public IsSection {
+class CircleProjection final : public FittedProjection<CircleModel>, public IsSection {
  public:
-  explicit FreeCircle(std::size_t points) : FittedProjection(CircleModel({}), points) {}
+  CircleProjection(std::optional<double> curvature, std::size_t points)
+      : FittedProjection(CircleModel(curvature), points), kept_(curvature) {}
+  std::optional<double> kept_curvature() const override { return kept_; }
+
+ private:
+  std::optional<double> kept_;
 };
 
 }  // namespace
 
 std::unique_ptr<const Projection> circle_projection(std::size_t points, std::optional<double> curvature) {
-  if (!curvature) return std::make_unique<FreeCircle>(points);
-  return std::make_unique<FittedProjection<CircleModel>>(CircleModel(curvature), points);
+  return std::make_unique<CircleProjection>(curvature, points);
 }
 
 double circle_curvature(std::span<const Vec3> x) { return std::abs(CircleModel({}).fitted(x, nullptr).size[0]); }

@@ -51,12 +51,19 @@ class CylinderModel : public RoundModel<CylinderModel> {
 class SectionedModel {
  public:
   static constexpr int rows = 1, sizes = 1;
-  SectionedModel(CylinderModel cylinder, std::vector<Section> sections)
-      : cylinder_(std::move(cylinder)), sections_(std::move(sections)) {}
+  /// `curvature` is the one that the cylinder keeps, if any.
+  SectionedModel(std::optional<double> curvature, std::vector<Section> sections)
+      : cylinder_(curvature), kept_(curvature), sections_(std::move(sections)) {}
 
   const CylinderModel& cylinder() const { return cylinder_; }
   const std::vector<int>& active() const { return cylinder_.active(); }
   const std::vector<Section>& sections() const { return sections_; }
+
+  /// A fit from which another one may start, with the curvature that is kept.
+  Fit<1> start(Fit<1> fit) const {
+    if (kept_) fit.size[0] = std::copysign(*kept_, fit.size[0]);
+    return fit;
+  }
 
   /// Calls use(point, place about the mean of its section, in the frame; section).
   template <typename Use>
@@ -79,6 +86,7 @@ class SectionedModel {
 
  private:
   CylinderModel cylinder_;
+  std::optional<double> kept_;
   std::vector<Section> sections_;
 };
 
@@ -107,7 +115,7 @@ class SectionedCylinder final : public Projection {
 
   double project(std::span<const Vec3> x, std::span<Vec3> out, ShapeParameters& shape) const override {
     const bool warm = shape.size() == Fit<1>::length;
-    Fit<1> start = warm ? Fit<1>::unpacked(shape) : model_.cylinder().fitted(x, nullptr);
+    Fit<1> start = warm ? model_.start(Fit<1>::unpacked(shape)) : model_.cylinder().fitted(x, nullptr);
     if (warm) start.frame.origin += spread({x}).mean - start.mean;
     const Fit<1> fit = minimized(model_, {x}, start);
     shape = fit.packed();
@@ -203,19 +211,21 @@ class SectionedCylinder final : public Projection {
 
 class CylinderProjection final : public FittedProjection<CylinderModel>, public WithSections {
  public:
-  CylinderProjection(const CylinderModel& model, std::size_t points) : FittedProjection(model, points), cylinder_(model) {}
-  std::unique_ptr<const Projection> with_sections(std::vector<Section> sections) const override {
-    return std::make_unique<SectionedCylinder>(SectionedModel(cylinder_, std::move(sections)), point_count());
+  CylinderProjection(std::optional<double> curvature, std::size_t points)
+      : FittedProjection(CylinderModel(curvature), points), kept_(curvature) {}
+  std::unique_ptr<const Projection> with_sections(std::vector<Section> sections, std::optional<double> curvature) const override {
+    return std::make_unique<SectionedCylinder>(SectionedModel(curvature ? curvature : kept_, std::move(sections)), point_count());
   }
+  std::optional<double> kept_curvature() const override { return kept_; }
 
  private:
-  CylinderModel cylinder_;
+  std::optional<double> kept_;
 };
 
 }  // namespace
 
 std::unique_ptr<const Projection> cylinder_projection(std::size_t points, std::optional<double> curvature) {
-  return std::make_unique<CylinderProjection>(CylinderModel(curvature), points);
+  return std::make_unique<CylinderProjection>(curvature, points);
 }
 
 double cylinder_curvature(std::span<const Vec3> x) { return std::abs(CylinderModel({}).fitted(x, nullptr).size[0]); }

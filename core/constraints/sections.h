@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "core/constraints/projection.h"
@@ -19,14 +20,19 @@ class WithSections {
   /// The same shape with the additional condition that the points of each section lie in one plane perpendicular to the axis.
   /// Sections are disjoint. Five or more points that lie on a circle and on the shape satisfy the condition already; but the
   /// linearization here expresses it to first order, which distances from circle and shape do not. The shape parameters are those
-  /// of the shape alone.
-  virtual std::unique_ptr<const Projection> with_sections(std::vector<Section> sections) const = 0;
+  /// of the shape alone. A `curvature` is that of sections that keep their radius; the shape takes it.
+  virtual std::unique_ptr<const Projection> with_sections(std::vector<Section> sections,
+                                                          std::optional<double> curvature) const = 0;
+  /// The curvature that the shape keeps, if any.
+  virtual std::optional<double> kept_curvature() const = 0;
 };
 
-/// Marks a projection onto a circle of free radius, which may be a section.
+/// A projection onto a circle, which may be a section.
 class IsSection {
  public:
   virtual ~IsSection() = default;
+  /// The curvature that the circle keeps, if any.
+  virtual std::optional<double> kept_curvature() const = 0;
 };
 
 }  // namespace deform

@@ -268,11 +268,19 @@ struct Constraint {
 /// Limit of ConstraintOptions::iterations.
 inline constexpr int most_constraint_iterations = 1000000;
 
+/// Where the step of exact points onto their shapes is carried to the points around them: it is interpolated there, and is zero
+/// at handle and fixed points. Exact points themselves are always on their shapes.
+enum class ExactSteps {
+  joins,    ///< all exact, handle and fixed points that share a face or a cell with one that is none of these
+  centres,  ///< a well-distributed subset, ResidualCorrection::centres_for(); the default up to version 0.2
+};
+
 /// Options of the solver for constraints.
 struct ConstraintOptions {
   double tolerance = 1e-7;  ///< rms distance of the constrained points from the solution, fraction of D, 1e-12..1e-2
   /// Largest number of iterations of a design, 1..1,000,000. A design that needs more is reported as not converged.
   int iterations = 3000;
+  ExactSteps exact_steps = ExactSteps::joins;  ///< of exact constraints
 };
 
 /// The input of a system besides the mesh. Several variables that move one handle are composed in their order here (the first one

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "proto/convert/constraint.h"
 
+#include <algorithm>
+
 #include "core/deformers/setup.h"
 #include "proto/convert/base/fields.h"
 #include "proto/convert/mesh/region.h"
@@ -81,6 +83,40 @@ ConstraintKind kind_from_proto(const v1::Constraint& message, const std::string&
   refuse_field(path, "no kind of constraint is given (planar, circular, cylindrical, ...)");
 }
 
+bool has_exact(const v1::Setup& setup) {
+  return std::any_of(setup.constraints().begin(), setup.constraints().end(), [](const auto& each) { return each.exact(); });
+}
+
+const v1::Energy* energy_of(const v1::Method& method) {
+  switch (method.kind_case()) {
+    case v1::Method::kShell:
+      return &method.shell().energy();
+    case v1::Method::kSubspace:
+      return &method.subspace().energy();
+    case v1::Method::kMls:
+      return &method.mls().energy();
+    case v1::Method::kFfd:
+      return &method.ffd().energy();
+    default:
+      return nullptr;
+  }
+}
+
+/// How setups were stored before there was `exact_steps`: without it, but with what else has a default.
+bool stored_without_exact_steps(const v1::Setup& setup) {
+  const v1::ConstraintOptions& options = setup.constraint_options();
+  const v1::Energy* const energy = energy_of(setup.method());
+  return options.exact_steps() == v1::EXACT_STEPS_DEFAULT && options.tolerance() != 0 && options.iterations() != 0 &&
+         energy != nullptr && energy->has_bending() && energy->handles() != v1::HANDLES_DEFAULT;
+}
+
+ExactSteps exact_steps(const v1::Setup& setup) {
+  const bool centres =
+      known(setup.constraint_options().exact_steps(), "constraint_options.exact_steps") == v1::EXACT_STEPS_AT_CENTRES ||
+      stored_without_exact_steps(setup);
+  return centres ? ExactSteps::centres : ExactSteps::joins;
+}
+
 }  // namespace
 
 Constraint constraint_from_proto(const v1::Constraint& message, const std::string& path) {
@@ -91,16 +127,25 @@ Constraint constraint_from_proto(const v1::Constraint& message, const std::strin
   return constraint;
 }
 
-ConstraintOptions constraint_options_from_proto(const v1::ConstraintOptions& message) {
+ConstraintOptions constraint_options_from_proto(const v1::Setup& setup) {
+  const v1::ConstraintOptions& message = setup.constraint_options();
   ConstraintOptions options;
+  options.exact_steps = exact_steps(setup);
   if (message.tolerance() != 0) options.tolerance = message.tolerance();
   if (message.iterations() != 0) options.iterations = fitting_int(message.iterations(), "constraint_options.iterations");
   validate_constraint_options(options);  // also those that say nothing, as there are no constraints
   return options;
 }
 
-void canonicalize_constraint_options(v1::ConstraintOptions& message) {
+void canonicalize_constraint_options(v1::Setup& setup) {
+  if (setup.constraints().empty()) {
+    setup.clear_constraint_options();  // ignored
+    return;
+  }
   const ConstraintOptions defaults;
+  v1::ConstraintOptions& message = *setup.mutable_constraint_options();
+  const bool named = has_exact(setup) && exact_steps(setup) == ExactSteps::joins;
+  message.set_exact_steps(named ? v1::EXACT_STEPS_AT_JOINS : v1::EXACT_STEPS_DEFAULT);
   if (message.tolerance() == 0) message.set_tolerance(defaults.tolerance);
   if (message.iterations() == 0) message.set_iterations(static_cast<std::uint32_t>(defaults.iterations));
 }

@@ -12,10 +12,11 @@ namespace deform::convert {
 /// points and all limits are checked by validate().
 Constraint constraint_from_proto(const v1::Constraint& message, const std::string& path);
 
-ConstraintOptions constraint_options_from_proto(const v1::ConstraintOptions& message);
+/// The options of a setup. What else it says decides what they mean where it was stored before there was `exact_steps`.
+ConstraintOptions constraint_options_from_proto(const v1::Setup& message);
 
-/// Fill in defaults, see canonical_setup().
+/// Fill in defaults, see canonical_setup(). Those of the method must not have been filled in before those of the options.
 void canonicalize_constraint(v1::Constraint& message);
-void canonicalize_constraint_options(v1::ConstraintOptions& message);
+void canonicalize_constraint_options(v1::Setup& message);
 
 }  // namespace deform::convert

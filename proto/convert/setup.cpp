@@ -175,8 +175,7 @@ Setup setup_from_proto(const v1::Setup& message, std::size_t max_handles, Proble
       constraint = constraint_from_proto(message.constraints(i), path);
     });
   }
-  problems.check("constraint_options",
-                 [&] { setup.constraint_options = constraint_options_from_proto(message.constraint_options()); });
+  problems.check("constraint_options", [&] { setup.constraint_options = constraint_options_from_proto(message); });
   return setup;
 }
 
@@ -190,6 +189,7 @@ v1::Setup canonical_setup(const v1::Setup& message, const std::string& geometry_
   v1::Setup canonical = message;
   canonical.DiscardUnknownFields();
   canonical.set_geometry(geometry_id);
+  canonicalize_constraint_options(canonical);  // which look at what the method says
   canonicalize_method(*canonical.mutable_method());
   for (auto& handle : *canonical.mutable_handles()) canonicalize_region(*handle.mutable_region());
   for (auto& region : *canonical.mutable_fixed()) canonicalize_region(region);
@@ -205,11 +205,6 @@ v1::Setup canonical_setup(const v1::Setup& message, const std::string& geometry_
     for (auto& region : *plane.mutable_sector()->mutable_periodic()) canonicalize_region(region);
   }
   for (auto& constraint : *canonical.mutable_constraints()) canonicalize_constraint(constraint);
-  if (canonical.constraints().empty()) {
-    canonical.clear_constraint_options();  // ignored
-  } else {
-    canonicalize_constraint_options(*canonical.mutable_constraint_options());
-  }
   for (auto& variable : *canonical.mutable_variables()) {
     canonicalize_motion(variable);
     for (auto& driven : *variable.mutable_also()) canonicalize_motion(driven);

@@ -280,6 +280,36 @@ TEST(ConvertConstraint, ExactOnesAndOptionsArrive) {
       << "without constraints they say nothing, and systems keep their ids";
 }
 
+// What a store or a client holds from before steps of exact points were carried to all joins.
+TEST(ConvertConstraint, StoredExactConstraintsKeepTheirStepsAndTheirId) {
+  const auto rule = [](const v1::Setup& setup) { return setup_from_proto(setup, 10).constraint_options.exact_steps; };
+  for (const char* method : {"shell", "mls", "subspace", "ffd"}) {
+    const std::string head = std::string(R"({"method": {")") + method + R"(": {}}, )";
+    const v1::Setup plain =
+        with(head + R"("constraints": [{"name": "s", "planar": {}}, {"name": "c", "planar": {}, "exact": true}]})");
+    v1::Setup named = plain, said = plain, soft = plain;
+    const v1::Setup canonical = canonical_setup(plain, geometry);
+    EXPECT_EQ(canonical.constraint_options().exact_steps(), v1::EXACT_STEPS_AT_JOINS) << method;
+    v1::Setup stored = canonical;
+    stored.mutable_constraint_options()->clear_exact_steps();
+    named.mutable_constraint_options()->set_exact_steps(v1::EXACT_STEPS_AT_CENTRES);
+    for (const v1::Setup& centres : {stored, named, canonical_setup(named, geometry)}) {
+      EXPECT_EQ(rule(centres), ExactSteps::centres) << method;
+      EXPECT_EQ(canonical_setup(centres, geometry).SerializeAsString(), stored.SerializeAsString()) << method;
+    }
+    // Somebody may say both numbers.
+    said.mutable_constraint_options()->set_tolerance(1e-7);
+    said.mutable_constraint_options()->set_iterations(3000);
+    for (const v1::Setup& joins : {plain, said, canonical}) {
+      EXPECT_EQ(rule(joins), ExactSteps::joins) << method;
+      EXPECT_EQ(canonical_setup(joins, geometry).SerializeAsString(), canonical.SerializeAsString()) << method;
+    }
+    soft.mutable_constraints(1)->set_exact(false);
+    soft.mutable_constraint_options()->set_exact_steps(v1::EXACT_STEPS_AT_JOINS);
+    EXPECT_EQ(canonical_setup(soft, geometry).constraint_options().exact_steps(), v1::EXACT_STEPS_DEFAULT) << method;
+  }
+}
+
 TEST(ConvertConstraint, ReportsTellHowTheSolutionWent) {
   DesignReport report;
   report.constraints = {{4, 3, 2, 1, true}};
@@ -337,6 +367,7 @@ TEST(ConvertConstraint, RefusalsNameTheField) {
       {R"({"constraintOptions": {"tolerance": 0.5}})", "constraint_options.tolerance: 0.5 is out of range 1e-12..0.01"},
       {R"({"constraintOptions": {"tolerance": -1e-7}})", "constraint_options.tolerance: -1e-07 is out of range"},
       {R"({"constraintOptions": {"iterations": 1000001}})", "constraint_options.iterations: 1000001 is out of range"},
+      {R"({"constraintOptions": {"exactSteps": 9}})", "constraint_options.exact_steps: unknown value 9"},
       {R"({"method": {"shell": {"energy": {"stretching": "NaN"}}}})", "method.shell.energy.stretching"},
       {R"({"method": {"shell": {"energy": {"handles": 9}}}})", "method.shell.energy.handles: unknown value 9"},
       {R"({"method": {"subspace": {"cover": "NaN"}}})", "method.subspace.cover: nan is out of range"},

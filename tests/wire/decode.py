@@ -476,12 +476,31 @@ def canonical_constraint(constraint):
             shape.ends = 0.01
 
 
+def canonical_constraint_options(setup):
+    """To be called before the defaults of the method are filled in."""
+    if not setup.constraints:
+        setup.ClearField("constraint_options")
+        return
+    options = setup.constraint_options
+    kind = setup.method.WhichOneof("kind")
+    energy = getattr(setup.method, kind).energy if kind in ("shell", "subspace", "mls", "ffd") else None
+    # How setups were stored before there was exact_steps.
+    stored = (options.exact_steps == setup_pb2.EXACT_STEPS_DEFAULT and options.tolerance != 0 and options.iterations != 0
+              and energy is not None and energy.HasField("bending") and energy.handles != setup_pb2.HANDLES_DEFAULT)
+    at_centres = stored or options.exact_steps == setup_pb2.EXACT_STEPS_AT_CENTRES
+    named = any(constraint.exact for constraint in setup.constraints) and not at_centres
+    options.exact_steps = setup_pb2.EXACT_STEPS_AT_JOINS if named else setup_pb2.EXACT_STEPS_DEFAULT
+    instead_of_zero(options, "tolerance", 1e-7)
+    instead_of_zero(options, "iterations", 3000)
+
+
 def canonical_setup(setup, geometry, flat):
     """flat: all points of the geometry have the same z."""
     canonical = setup_pb2.Setup()
     canonical.CopyFrom(setup)
     canonical.DiscardUnknownFields()
     canonical.geometry = geometry
+    canonical_constraint_options(canonical)
     canonical_method(canonical.method, flat)
     for handle in canonical.handles:
         canonical_region(handle.region)
@@ -503,11 +522,6 @@ def canonical_setup(setup, geometry, flat):
                 canonical_region(region)
     for constraint in canonical.constraints:
         canonical_constraint(constraint)
-    if canonical.constraints:
-        instead_of_zero(canonical.constraint_options, "tolerance", 1e-7)
-        instead_of_zero(canonical.constraint_options, "iterations", 3000)
-    else:
-        canonical.ClearField("constraint_options")
     for moved in [each for variable in canonical.variables for each in [variable, *variable.also]]:
         for kind in ("rotate", "scale"):
             if moved.HasField(kind) and not getattr(moved, kind).centre:

@@ -171,6 +171,17 @@ constexpr SetupCase cases[] = {
          {"name": "5", "regions": [{"group": "p"}, {"group": "q"}], "distance": {"bound": "MAXIMUM", "value": 0.5}},
          {"name": "6", "regions": [{"group": "p"}], "extent": {"axis": [1, 0, 0], "bound": "MAXIMUM", "value": 2, "ends": 0}}],
          "constraintOptions": {"tolerance": 1e-9}})"},
+    {"exact constraints whose steps are carried at centres",
+     R"({"method": {"mls": {}}, "handles": [{"name": "a", "region": {"group": "g"}}], "constraints": [
+         {"name": "1", "regions": [{"group": "p"}], "planar": {}, "exact": true}],
+         "constraintOptions": {"exactSteps": "EXACT_STEPS_AT_CENTRES"}})"},
+    {"exact constraints as they were stored before their steps had a rule",
+     R"({"method": {"shell": {"energy": {"bending": 1, "handles": "HANDLES_HARD"}}}, "handles": [{"name": "a",
+         "region": {"group": "g"}}], "constraints": [{"name": "1", "regions": [{"group": "p"}], "planar": {}, "exact": true}],
+         "constraintOptions": {"tolerance": 1e-7, "iterations": 3000}})"},
+    {"no exact constraints, whose steps have no rule",
+     R"({"method": {"ffd": {}}, "handles": [{"name": "a", "region": {"group": "g"}}], "constraints": [
+         {"name": "1", "regions": [{"group": "p"}], "planar": {}}], "constraintOptions": {"exactSteps": "EXACT_STEPS_AT_JOINS"}})"},
 };
 
 v1::Setup parsed(const SetupCase& setup) {

@@ -96,20 +96,22 @@ std::vector<std::vector<std::size_t>> ExactPlacement::connected(const std::vecto
 }
 
 /// The circles among `sets` whose points are all on a cylinder, as positions in it. Marks these circles in `in_section`, which
-/// has one entry for each of `sets`.
-std::vector<Section> ExactPlacement::sections_of(std::size_t cylinder, const std::vector<std::size_t>& sets,
-                                                 std::vector<bool>& in_section) const {
+/// has one entry for each of `sets`. Circles that keep another radius than the cylinder or those before them are none.
+ExactPlacement::Sections ExactPlacement::sections_of(std::size_t cylinder, const std::vector<std::size_t>& sets,
+                                                     std::vector<bool>& in_section) const {
   constexpr std::size_t fewest = 5;  // four points of a circle may lie on a cylinder in other ways
+  constexpr double same = 1e-10;     // of two radii
   std::vector<std::pair<std::uint32_t, std::uint32_t>> places;
   for (std::uint32_t i = 0; i < places_[cylinder].size(); ++i) places.emplace_back(places_[cylinder][i], i);
   std::sort(places.begin(), places.end());
   std::vector<bool> taken(places_[cylinder].size(), false);
-  std::vector<Section> sections;
+  Sections sections;
+  sections.curvature = dynamic_cast<const WithSections&>(*sets_[cylinder].projection).kept_curvature();
   for (std::size_t s = 0; s < sets.size(); ++s) {
-    if (in_section[s] || sets_[sets[s]].ids.size() < fewest ||
-        dynamic_cast<const IsSection*>(sets_[sets[s]].projection.get()) == nullptr) {
-      continue;
-    }
+    const auto* circle = dynamic_cast<const IsSection*>(sets_[sets[s]].projection.get());
+    if (in_section[s] || sets_[sets[s]].ids.size() < fewest || circle == nullptr) continue;
+    const std::optional<double> own = circle->kept_curvature();
+    if (own && sections.curvature && std::abs(*own - *sections.curvature) > same * *own) continue;
     Section section;
     for (const std::uint32_t u : places_[sets[s]]) {
       const auto found = std::lower_bound(places.begin(), places.end(), std::pair<std::uint32_t, std::uint32_t>(u, 0));
@@ -119,7 +121,8 @@ std::vector<Section> ExactPlacement::sections_of(std::size_t cylinder, const std
     if (section.size() < places_[sets[s]].size()) continue;
     for (const std::uint32_t i : section) taken[i] = true;
     in_section[s] = true;
-    sections.push_back(std::move(section));
+    if (own && !sections.curvature) sections.curvature = own;
+    sections.all.push_back(std::move(section));
   }
   return sections;
 }
@@ -137,10 +140,10 @@ ExactPlacement::Part ExactPlacement::part_of(const std::vector<std::size_t>& set
     of[s] = &set;
     const auto* shape = dynamic_cast<const WithSections*>(set.projection.get());
     if (circles == Circles::apart || shape == nullptr) continue;
-    std::vector<Section> sections = sections_of(sets[s], sets, in_section);
-    if (sections.empty()) continue;
-    part.made.push_back(std::make_unique<const ConstraintSet>(
-        ConstraintSet{set.name, shape->with_sections(std::move(sections)), set.ids, set.rest, set.weight}));
+    Sections sections = sections_of(sets[s], sets, in_section);
+    if (sections.all.empty()) continue;
+    part.made.push_back(std::make_unique<const ConstraintSet>(ConstraintSet{
+        set.name, shape->with_sections(std::move(sections.all), sections.curvature), set.ids, set.rest, set.weight}));
     of[s] = part.made.back().get();
   }
   for (std::size_t s = 0; s < sets.size(); ++s) {

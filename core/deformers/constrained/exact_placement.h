@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "core/base/run_context.h"
@@ -79,8 +80,11 @@ class ExactPlacement {
 
   /// With Circles::sections, circles whose points are all on a cylinder of the part become sections of that cylinder.
   Part part_of(const std::vector<std::size_t>& sets, Circles circles = Circles::apart) const;
-  std::vector<Section> sections_of(std::size_t cylinder, const std::vector<std::size_t>& sets,
-                                   std::vector<bool>& in_section) const;
+  struct Sections {
+    std::vector<Section> all;
+    std::optional<double> curvature;  ///< that the cylinder keeps, or one of them
+  };
+  Sections sections_of(std::size_t cylinder, const std::vector<std::size_t>& sets, std::vector<bool>& in_section) const;
   std::vector<std::vector<std::size_t>> connected(const std::vector<std::size_t>& sets) const;
   bool is_projected(const std::vector<std::size_t>& sets) const { return sets.size() == 1 && all_move_[sets[0]]; }
   void place_group(const std::vector<std::size_t>& sets, const std::vector<ShapeParameters>& shapes, Placed& placed,

@@ -10,6 +10,7 @@
 #include "core/deformers/constrained/constraint_sets.h"
 #include "core/deformers/constrained/energy_solver.h"
 #include "core/deformers/constrained/exact_placement.h"
+#include "core/deformers/energy/exact_step.h"
 #include "core/deformers/energy/residual_correction.h"
 #include "core/deformers/energy/spaces/lattice_space.h"
 #include "core/deformers/energy/spaces/mls.h"
@@ -17,7 +18,6 @@
 #include "core/deformers/energy/spaces/subspace.h"
 #include "core/deformers/handles/constraint_points.h"
 #include "core/deformers/handles/handle_basis.h"
-#include "core/numerics/sampling/farthest_points.h"
 
 namespace deform {
 
@@ -43,12 +43,13 @@ struct Sizes {
   std::size_t assembly = 0;  ///< peak while the space is made
   std::size_t matrices = 0;  ///< what stays of it
   std::size_t functions = 0;
-  std::size_t making = 0;   ///< beside these, of the matrix that is factored
-  std::size_t held = 0;     ///< held points that enter the system
-  bool eliminated = false;  ///< these points
-  double values = 0;        ///< of functions at them
-  double squares = 0;       ///< of their numbers at each, the sum
-  double entries = 0;       ///< of the matrix of the energy
+  std::size_t making = 0;         ///< beside these, of the matrix that is factored
+  std::size_t held = 0;           ///< held points that enter the system
+  bool eliminated = false;        ///< these points
+  std::vector<PointId> held_ids;  ///< of a shell
+  double values = 0;              ///< of functions at them
+  double squares = 0;             ///< of their numbers at each, the sum
+  double entries = 0;             ///< of the matrix of the energy
   SparseCholesky::Estimate factor;
   ConstrainedBytes constrained;
 };
@@ -74,6 +75,7 @@ Sizes sizes_of(const ShellOptions& options, const Case& of, Estimate& estimate) 
   sizes.functions = model.space.samples;
   sizes.held = model.held.size();
   sizes.eliminated = model.eliminated;
+  sizes.held_ids = model.held;
   sizes.entries = static_cast<double>(model.space.energy.nonZeros());
   // The rows of the held points with their weights, and the matrix with their squares.
   if (!model.eliminated) {
@@ -162,21 +164,24 @@ CorrectionBytes correction_bytes(std::size_t centres, std::size_t places) {
           interpolator_peak_bytes(centres, Solver::cholesky) + 3 * own + places * (2 * sizeof(Vec3) + sizeof(double))};
 }
 
-/// What its levels add.
-CorrectionBytes level_bytes(const Mesh& mesh, const UnitBox& box, const std::vector<RegionIndex>& region_of,
-                            std::size_t centres) {
+std::vector<PointId> held_points(const std::vector<RegionIndex>& region_of) {
   std::vector<PointId> held;
   for (std::size_t i = 0; i < region_of.size(); ++i) {
     if (region_of[i] != deformable_region) held.push_back(static_cast<PointId>(i));
   }
-  if (held.size() <= centres) return {};
-  const std::vector<char> next = next_to_deformable(mesh, region_of);
-  std::vector<char> bound;
-  for (const PointId id : held) bound.push_back(next[id]);
-  const std::vector<Vec3> places = unit_places(mesh, box, held);
-  const std::vector<CompactLevel> levels = choose_levels({places, ResidualCorrection::centres_of(places, centres), bound}, {});
-  const CompactLevels::Bytes bytes = CompactLevels::estimate(places, levels);
+  return held;
+}
+
+/// What its levels add.
+CorrectionBytes level_bytes(std::span<const Vec3> places, std::span<const std::uint32_t> centres, std::span<const char> bound) {
+  if (places.size() <= centres.size()) return {};
+  const CompactLevels::Bytes bytes = CompactLevels::estimate(places, choose_levels({places, centres, bound}, {}));
   return {bytes.resident, bytes.peak};
+}
+
+void add(const CorrectionBytes& levels, CorrectionBytes& correction) {
+  correction.peak = std::max(correction.peak, correction.resident + levels.peak);
+  correction.resident += levels.resident;
 }
 
 /// What the held points take: their part of the matrix, solutions for so many columns with their uncertainty, and a correction of
@@ -206,23 +211,38 @@ struct PlacementBytes {
   std::size_t working = 0;  ///< of one design
 };
 
-PlacementBytes placement_bytes(const Setup& setup, const ConstraintSets& constraints, const std::vector<RegionIndex>& region_of,
-                               bool hard, std::size_t following, std::size_t held) {
+struct PlacementInput {
+  const Setup& setup;
+  const Mesh& mesh;
+  const UnitBox& box;
+  const ConstraintSets& constraints;
+  const std::vector<RegionIndex>& region_of;
+  const std::vector<PointId>& held;
+  std::size_t following;
+  bool hard;
+};
+
+PlacementBytes placement_bytes(const PlacementInput& of) {
   std::vector<ConstraintSet> sets;
-  for (std::size_t t = 0; t < constraints.sets.size(); ++t) {
-    if (setup.constraints[constraints.constraint_of[t]].exact) sets.push_back(constraints.sets[t]);
+  for (std::size_t t = 0; t < of.constraints.sets.size(); ++t) {
+    if (of.setup.constraints[of.constraints.constraint_of[t]].exact) sets.push_back(of.constraints.sets[t]);
   }
   if (sets.empty()) return {};
-  std::vector<bool> moves(region_of.size());
-  for (std::size_t i = 0; i < moves.size(); ++i) moves[i] = !hard || region_of[i] == deformable_region;
+  std::vector<bool> moves(of.region_of.size());
+  for (std::size_t i = 0; i < moves.size(); ++i) moves[i] = !of.hard || of.region_of[i] == deformable_region;
   const ExactPlacement placement(std::move(sets), moves);
-  std::size_t moving = 0;
-  for (std::size_t u = 0; u < placement.ids().size(); ++u) moving += placement.moves(u) ? 1 : 0;
-  const std::size_t most = ResidualCorrection::centres_for(following);
-  const CorrectionBytes correction = correction_bytes(std::min(most, moving) + std::min(most / 2, held), moving + held);
-  const std::size_t own = placement.bytes() + tiled_bytes(placement.ids().size()) + moving * sizeof(std::uint32_t);
-  const std::size_t columns = 12 * (moving + held) * sizeof(Vec3);
-  return {own + correction.resident, own + correction.peak, placement.working_bytes({}) + columns};
+  std::vector<PointId> moving;
+  for (std::size_t u = 0; u < placement.ids().size(); ++u) {
+    if (placement.moves(u)) moving.push_back(placement.ids()[u]);
+  }
+  const CarrierPlaces from =
+      carrier_places({of.mesh, of.box, of.region_of, moving, of.held, of.following, of.setup.constraint_options.exact_steps});
+  const std::size_t places = from.places.size();
+  CorrectionBytes correction = correction_bytes(from.centres.size(), places);
+  if (!from.bound.empty()) add(level_bytes(from.places, from.centres, from.bound), correction);
+  const std::size_t own = placement.bytes() + tiled_bytes(placement.ids().size()) + moving.size() * sizeof(std::uint32_t);
+  return {own + correction.resident, own + correction.peak + places * (sizeof(Vec3) + 1),
+          placement.working_bytes({}) + 12 * places * sizeof(Vec3)};
 }
 
 /// Constraints are counted by their rest points, and with the solution of one design (peak_bytes).
@@ -232,23 +252,29 @@ Estimate estimate_of(const Options& options, const Mesh& mesh, const Setup& setu
   const ConstraintPoints constrained_points = constraint_points(mesh, regions);
   const Box bounds = bounding_box(mesh.points);
   const double diagonal = bounds.diagonal();
-  const ConstraintSets constraints = constraint_sets(mesh, setup, regions, {bounds.min, diagonal > 0 ? diagonal : 1});
+  const UnitBox box{bounds.min, diagonal > 0 ? diagonal : 1};
+  const ConstraintSets constraints = constraint_sets(mesh, setup, regions, box);
   Estimate estimate;
   estimate.constraint_points = constrained_points.count;
   const std::size_t following = hard ? constrained_points.deformable.size() : mesh.point_count();
-  const Sizes sizes = sizes_of(options, Case{mesh, constrained_points, constraints.sets}, estimate);
+  Sizes sizes = sizes_of(options, Case{mesh, constrained_points, constraints.sets}, estimate);
   estimate.notes.insert(estimate.notes.end(), constraints.notes.begin(), constraints.notes.end());
 
+  const std::vector<PointId> held =
+      sizes.held_ids.empty() ? held_points(constrained_points.region_of) : std::move(sizes.held_ids);
   const std::size_t solver = sizes.factor.factor_bytes + sizes.matrices + few_bytes;
   const bool corrected = hard && !sizes.eliminated && sizes.held > 0;
   const std::size_t centres = corrected ? std::min(ResidualCorrection::centres_for(following), sizes.held) : 0;
   CorrectionBytes correction = corrected ? correction_bytes(centres, sizes.held) : CorrectionBytes();
   if (corrected && options.misfit == MisfitRule::joins) {
-    const CorrectionBytes levels = level_bytes(mesh, {bounds.min, diagonal}, constrained_points.region_of, centres);
-    correction.peak = std::max(correction.peak, correction.resident + levels.peak);
-    correction.resident += levels.resident;
+    const std::vector<char> next = next_to_deformable(mesh, constrained_points.region_of);
+    std::vector<char> bound;
+    for (const PointId id : held) bound.push_back(next[id]);
+    const std::vector<Vec3> held_places = unit_places(mesh, box, held);
+    add(level_bytes(held_places, ResidualCorrection::centres_of(held_places, centres), bound), correction);
   }
-  const PlacementBytes placement = placement_bytes(setup, constraints, constrained_points.region_of, hard, following, sizes.held);
+  const PlacementBytes placement =
+      placement_bytes({setup, mesh, box, constraints, constrained_points.region_of, held, following, hard});
   std::size_t set_points = 0;
   for (const ConstraintSet& set : constraints.sets) set_points += set.ids.size();
   const bool placed = placement.resident > 0;

@@ -6,9 +6,41 @@
 #include <cmath>
 
 #include "core/base/parallel.h"
+#include "core/deformers/handles/constraint_points.h"
 #include "core/numerics/sampling/farthest_points.h"
 
 namespace deform {
+
+CarrierPlaces carrier_places(const CarrierInput& from) {
+  const bool joins = from.steps == ExactSteps::joins;
+  std::vector<PointId> ids = from.moving;
+  // Soft handles may hold exact points: these have a step already.
+  for (const PointId id : from.held) {
+    if (!joins || !std::binary_search(from.moving.begin(), from.moving.end(), id)) ids.push_back(id);
+  }
+  CarrierPlaces result;
+  result.places = unit_places(from.mesh, from.box, ids);
+  // Of stored systems rounding decides which centres there are.
+  const auto order = [&](std::span<const Vec3> places, std::size_t most) {
+    return joins ? ResidualCorrection::centres_of(places, most) : farthest_point_order(places, most);
+  };
+  const std::size_t most = ResidualCorrection::centres_for(from.following), moving = from.moving.size();
+  const std::span<const Vec3> places = result.places;
+  std::vector<std::uint32_t> candidates = order(places.first(moving), most);
+  for (const std::uint32_t j : order(places.subspan(moving), most / 2)) {
+    candidates.push_back(static_cast<std::uint32_t>(moving) + j);
+  }
+  std::vector<Vec3> chosen;
+  for (const std::uint32_t i : candidates) chosen.push_back(places[i]);
+  // In this order again, so that only coincident ones are dropped.
+  for (const std::uint32_t i : order(chosen, chosen.size())) result.centres.push_back(candidates[i]);
+  if (!joins) return result;
+  std::vector<RegionIndex> region_of = from.region_of;
+  for (const PointId id : from.moving) region_of[id] = fixed_region;
+  const std::vector<char> next = next_to_deformable(from.mesh, region_of);
+  for (const PointId id : ids) result.bound.push_back(next[id]);
+  return result;
+}
 
 ExactStep::ExactStep(const DeformationBefore& before, const std::vector<ConstraintSet>& sets,
                      const std::vector<std::size_t>& constraint_of, const RunContext& context)
@@ -34,20 +66,11 @@ ExactStep::ExactStep(const DeformationBefore& before, const std::vector<Constrai
     moving_.push_back(static_cast<std::uint32_t>(u));
     moving.push_back(ids()[u]);
   }
-  const std::size_t most = ResidualCorrection::centres_for(before_.following.size());
-  std::vector<Vec3> places = unit_places(mesh, before_.box, moving);
-  const std::vector<Vec3> held_places = unit_places(mesh, before_.box, before_.held_ids);
-  std::vector<std::uint32_t> candidates = farthest_point_order(places, most);
-  for (const std::uint32_t j : farthest_point_order(held_places, most / 2)) {
-    candidates.push_back(static_cast<std::uint32_t>(places.size()) + j);
-  }
-  places.insert(places.end(), held_places.begin(), held_places.end());
-  std::vector<Vec3> chosen;
-  for (const std::uint32_t i : candidates) chosen.push_back(places[i]);
-  // In this order again, so that only coincident ones are dropped.
-  std::vector<std::uint32_t> centres;
-  for (const std::uint32_t i : farthest_point_order(chosen, chosen.size())) centres.push_back(candidates[i]);
-  carrier_ = std::make_unique<const ResidualCorrection>(places, std::move(centres), ResidualCorrection::Kind::gentle, context);
+  CarrierPlaces from = carrier_places({mesh, before_.box, before_.held.region_of, moving, before_.held_ids,
+                                       before_.following.size(), before_.held.setup.constraint_options.exact_steps});
+  carrier_ = std::make_unique<const ResidualCorrection>(from.places, std::move(from.centres), ResidualCorrection::Kind::gentle,
+                                                        from.bound, context);
+  carried_from_ = from.places.size();
   places_ = TiledPoints(unit_places(mesh, before_.box, ids()));
 }
 
@@ -82,7 +105,7 @@ std::vector<Vec3> ExactStep::points_before(const EnergyField& field, const Bound
 
 /// The field that carries the step of the points along.
 RowMajorMatrix ExactStep::carried(const std::vector<Vec3>& from, const std::vector<Vec3>& to, const RunContext& context) const {
-  Eigen::MatrixXd step = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(moving_.size() + before_.held_ids.size()), 3);
+  Eigen::MatrixXd step = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(carried_from_), 3);
   for (std::size_t i = 0; i < moving_.size(); ++i) {
     const std::uint32_t u = moving_[i];
     for (std::size_t k = 0; k < 3; ++k) {

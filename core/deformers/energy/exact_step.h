@@ -36,9 +36,28 @@ struct DeformationBefore {
   bool hard_handles;
 };
 
+/// The places between which the steps of exact points are interpolated.
+struct CarrierPlaces {
+  std::vector<Vec3> places;            ///< unit coordinates: of the exact points that move, then of handle and fixed points
+  std::vector<std::uint32_t> centres;  ///< positions among the places
+  std::vector<char> bound;  ///< of each place whether it is met even if it is no centre; empty with ExactSteps::centres
+};
+
+/// What they are chosen from.
+struct CarrierInput {
+  const Mesh& mesh;
+  const UnitBox& box;
+  const std::vector<RegionIndex>& region_of;
+  const std::vector<PointId>& moving;  ///< exact points that move, ascending
+  const std::vector<PointId>& held;    ///< handle and fixed points that enter the system
+  std::size_t following;               ///< number of following points
+  ExactSteps steps;
+};
+CarrierPlaces carrier_places(const CarrierInput& from);
+
 /// The last step of a design with exact constraints, and its derivatives: ExactPlacement moves their points onto the shapes, and
-/// these displacements are interpolated (zero at handle and fixed points) and added at all following points. The step is omitted,
-/// for single sets or as a whole, if it would make the deformation worse. Immutable; any thread.
+/// these displacements are interpolated (zero at handle and fixed points; see ExactSteps for where) and added at all following
+/// points. The step is omitted, for single sets or as a whole, if it would make the deformation worse. Immutable; any thread.
 class ExactStep {
  public:
   /// Uses the sets of exact constraints; `constraint_of` holds the constraint of each set. The objects that `before` refers to
@@ -79,7 +98,8 @@ class ExactStep {
   std::vector<std::size_t> set_of_;  ///< number of each exact set among all sets
   std::vector<std::size_t> constraint_of_;
   std::unique_ptr<const ExactPlacement> placement_;
-  std::unique_ptr<const ResidualCorrection> carrier_;  ///< centres: the points that move, then handle and fixed points
+  std::unique_ptr<const ResidualCorrection> carrier_;  ///< see CarrierPlaces
+  std::size_t carried_from_ = 0;                       ///< number of places of the carrier
   std::vector<std::uint32_t> moving_;                  ///< positions in ids()
   TiledPoints places_;                                 ///< points of ids()
 };

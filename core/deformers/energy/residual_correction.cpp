@@ -44,17 +44,17 @@ std::vector<std::uint32_t> ResidualCorrection::centres_of(std::span<const Vec3> 
 ResidualCorrection::ResidualCorrection(std::span<const Vec3> places, std::size_t most_centres, std::span<const char> bound,
                                        const RunContext& context)
     : ResidualCorrection(places, bound.empty() ? farthest_point_order(places, most_centres) : centres_of(places, most_centres),
-                         Kind::smooth, context) {
+                         Kind::smooth, bound, context) {}
+
+ResidualCorrection::ResidualCorrection(std::span<const Vec3> places, std::vector<std::uint32_t> centres, Kind kind,
+                                       std::span<const char> bound, const RunContext& context)
+    : held_(places.size()), centres_(std::move(centres)), system_(subset(places, centres_), options_of(kind), context) {
   if (bound.empty()) return;
   std::vector<CompactLevel> levels = choose_levels({places, centres_, bound}, context);
   if (levels.empty()) return;
   levels_ = std::make_unique<const CompactLevels>(places, std::move(levels), context);
   used_ = TiledPoints(levels_->used_places());
 }
-
-ResidualCorrection::ResidualCorrection(std::span<const Vec3> places, std::vector<std::uint32_t> centres, Kind kind,
-                                       const RunContext& context)
-    : held_(places.size()), centres_(std::move(centres)), system_(subset(places, centres_), options_of(kind), context) {}
 
 std::size_t ResidualCorrection::bytes() const { return system_.bytes() + (levels_ ? levels_->bytes() + used_.bytes() : 0); }
 

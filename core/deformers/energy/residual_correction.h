@@ -38,8 +38,9 @@ class ResidualCorrection {
   /// empty mask only the centres.
   ResidualCorrection(std::span<const Vec3> places, std::size_t most_centres, std::span<const char> bound,
                      const RunContext& context);
-  /// Interpolates at the given centres among the places, no two of which may coincide.
-  ResidualCorrection(std::span<const Vec3> places, std::vector<std::uint32_t> centres, Kind kind, const RunContext& context);
+  /// The same with the given centres among the places, no two of which may coincide.
+  ResidualCorrection(std::span<const Vec3> places, std::vector<std::uint32_t> centres, Kind kind, std::span<const char> bound,
+                     const RunContext& context);
 
   std::size_t bytes() const;
   const std::vector<std::uint32_t>& centres() const { return centres_; }

@@ -262,7 +262,6 @@ Eigen::MatrixXd CyclicInterpolator::expanded(const MatrixXcd& X, Complex factor)
 
 /// As DenseInterpolator::solve_saddle().
 CyclicInterpolator::Solution CyclicInterpolator::refined(const MatrixXcd& B, const RunContext& context) const {
-  constexpr int most_steps = 2;
   constexpr double enough = 1e-15, contracting = 0.5;
   using LongComplex = std::complex<long double>;
   const auto m = static_cast<Eigen::Index>(used_.size());
@@ -288,7 +287,7 @@ CyclicInterpolator::Solution CyclicInterpolator::refined(const MatrixXcd& B, con
     return result;
   };
   double last = X.norm(), rate = 0;
-  for (int step = 0; step < most_steps && last > 0; ++step) {
+  for (int step = 0; step < most_refinements && last > 0; ++step) {
     context.check();
     MatrixXcd correction(X.rows(), X.cols());
     correction.topRows(m) = left();

@@ -61,7 +61,6 @@ Eigen::MatrixXd DenseInterpolator::adjoint(Eigen::MatrixXd B, const RunContext& 
 }
 
 Interpolants DenseInterpolator::solve_saddle(const Eigen::MatrixXd& B, const RunContext& context) const {
-  constexpr int most_steps = 2;
   constexpr double enough = 1e-15, contracting = 0.5;
   const auto m = static_cast<Eigen::Index>(size());
   const Eigen::MatrixXd P = polynomials_.matrix(centres_);
@@ -70,7 +69,7 @@ Interpolants DenseInterpolator::solve_saddle(const Eigen::MatrixXd& B, const Run
   X = B;
   factor_->solve(X);
   double last = X.norm(), rate = 0;
-  for (int step = 0; step < most_steps && last > 0; ++step) {
+  for (int step = 0; step < most_refinements && last > 0; ++step) {
     context.check();
     Eigen::MatrixXd correction(X.rows(), X.cols());
     correction.topRows(m) = deform::accurate_residual(kernel_, centres_, centres_, P, X, B.topRows(m), context);
@@ -88,7 +87,8 @@ Interpolants DenseInterpolator::solve_saddle(const Eigen::MatrixXd& B, const Run
       break;
     }
     X += solution.uncertainty;
-    if (size <= enough * X.norm()) break;
+    // What the next correction would be decides only beyond the usual steps, whose results are those of before.
+    if ((step + 1 < usual_refinements ? size : rate * size) <= enough * X.norm()) break;
     last = size;
   }
   // The next correction would be smaller by the rate again, and so on.

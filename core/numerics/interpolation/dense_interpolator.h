@@ -22,7 +22,7 @@ class DenseInterpolator : public Interpolator {
   Eigen::MatrixXd adjoint(Eigen::MatrixXd B, const RunContext& context = {}) const override;
 
   /// Solves for right-hand sides B = [f; g], (m + q) x columns, and returns coefficients [w; c] with their uncertainty. The
-  /// system is symmetric, so this also solves adjoint problems. At most two steps of iterative refinement with accurate residuals
+  /// system is symmetric, so this also solves adjoint problems. Some steps of iterative refinement with accurate residuals
   /// make the result accurate to its last digits as long as condition * eps is well below one, with either solver; otherwise
   /// `converged` is false.
   Interpolants solve_saddle(const Eigen::MatrixXd& B, const RunContext& context = {}) const;

@@ -17,6 +17,10 @@
 
 namespace deform {
 
+/// Steps of iterative refinement of direct solutions: two leave nothing of most systems; a factor with few correct digits takes
+/// more, each of which wins those.
+inline constexpr int usual_refinements = 2, most_refinements = 12;
+
 struct InterpolationOptions {
   RadialKernel kernel;  ///< its parity, if any, applies to values, polynomials and interpolants (not for the iterative solver)
   int polynomial_degree = 1;  ///< at least the kernel's order - 1, at most 2

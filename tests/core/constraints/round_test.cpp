@@ -6,6 +6,7 @@
 #include <optional>
 #include <vector>
 
+#include "core/base/vectors.h"
 #include "core/constraints/circle.h"
 #include "core/constraints/cylinder.h"
 #include "core/constraints/fit_starts.h"
@@ -112,8 +113,19 @@ TEST(Cylinder, WithSectionsIsTheProjection) {
     const auto cylinder = cylinder_projection(84, curvature);
     const auto* with = dynamic_cast<const WithSections*>(cylinder.get());
     ASSERT_NE(with, nullptr);
-    expect_projection(*with->with_sections({first, fourth}), tube(0.3, 360 * degree, 0.4), 0.002);
+    EXPECT_EQ(with->kept_curvature(), curvature);
+    expect_projection(*with->with_sections({first, fourth}, {}), tube(0.3, 360 * degree, 0.4), 0.002);
   }
+  // Sections that keep their radius; a fit of before may have another one.
+  const auto cylinder = cylinder_projection(84, {});
+  const auto with = dynamic_cast<const WithSections&>(*cylinder).with_sections({first, fourth}, 1 / 0.29);
+  expect_projection(*with, tube(0.29, 360 * degree, 0.4), 0.002);
+  const Points x = tube(0.3, 360 * degree, 0.4);
+  Points y(x.size());
+  ShapeParameters shape;
+  cylinder->project(x, y, shape);
+  with->project(x, y, shape);
+  for (std::size_t i = 0; i < x.size(); ++i) EXPECT_NEAR(deform::distance(x[i], y[i]), 0.01, 1e-12) << i;
 }
 
 // Starts of the search for an axis: none is far from all of them, and the principal axes are among them.

@@ -22,8 +22,9 @@ struct Part {
   std::vector<std::vector<PartSet>> families;
 };
 
-/// A closed cylinder along z, 2 long, with `around` points in each of `rows` circles and one ring within each cap.
-inline Part capped_cylinder(std::size_t around, std::size_t rows) {
+/// A closed cylinder along z, 2 long, with `around` points in each of `rows` circles and one ring within each cap; or a cone,
+/// whose radius is smaller by `taper` at its upper end.
+inline Part capped_cylinder(std::size_t around, std::size_t rows, double taper = 0) {
   constexpr double turn = 6.283185307179586;
   Part part;
   Mesh& mesh = part.mesh;
@@ -44,7 +45,10 @@ inline Part capped_cylinder(std::size_t around, std::size_t rows) {
     }
   };
   std::vector<std::vector<PointId>> circles;
-  for (std::size_t r = 0; r < rows; ++r) circles.push_back(ring(0.5, 2 * static_cast<double>(r) / static_cast<double>(rows - 1)));
+  for (std::size_t r = 0; r < rows; ++r) {
+    const double height = static_cast<double>(r) / static_cast<double>(rows - 1);
+    circles.push_back(ring(0.5 - taper * height, 2 * height));
+  }
   for (std::size_t r = 1; r < rows; ++r) join(circles[r - 1], circles[r]);
   std::vector<std::vector<PointId>> caps;
   for (const bool top : {false, true}) {
@@ -71,6 +75,11 @@ inline Part capped_cylinder(std::size_t around, std::size_t rows) {
   }
   const std::vector<PointId>& middle = circles[rows / 2];
   const std::vector<PointId> arc(middle.begin(), middle.begin() + static_cast<std::ptrdiff_t>(around / 2 + 1));
+  if (taper != 0) {
+    const PartSet cone{Conical{}, side};
+    part.families = {{cone}, {cone, {Planar{}, caps[1]}}, {cone, {Straight{}, generator}}, {cone, {Planar{}, caps[0]}}};
+    return part;
+  }
   const PartSet cylinder{Cylindrical{}, side}, plane{Planar{}, caps[1]}, rim{Circular{}, circles.back()};
   part.families = {{plane, rim},
                    {cylinder, rim},

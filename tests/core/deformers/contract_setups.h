@@ -244,7 +244,8 @@ class Maker {
 
   /// The shapes hold exactly, or nearly.
   void make_part() {
-    Part part = capped_cylinder(8 + dice_.pick(6), 3 + dice_.pick(4));
+    const std::size_t around = 8 + dice_.pick(6), rows = 3 + dice_.pick(4);
+    Part part = capped_cylinder(around, rows, dice_.once_in(4) ? dice_.uniform(0.1, 0.25) : 0.0);
     mesh_ = std::move(part.mesh);
     families_ = std::move(part.families);
     constexpr double noise[] = {0, 1e-6, 1e-2};
@@ -613,6 +614,7 @@ class Maker {
       std::erase_if(ids, [&](PointId id) { return static_cast<bool>(held[id]); });
       std::sort(ids.begin(), ids.end());
       if (ids.size() < (std::holds_alternative<Straight>(kind) ? 3 : std::holds_alternative<Circular>(kind) ? 5 : 8)) continue;
+      if (dice_.once_in(3)) keep_size(kind);
       Constraint constraint{"constraint " + std::to_string(made_.sets.size()), {{Region::Ids{ids}}}, kind};
       if (dice_.once_in(2)) constraint.weight = dice_.power(3, 9);
       constraint.exact = !dice_.once_in(8) || made_.sets.empty();
@@ -621,6 +623,13 @@ class Maker {
     }
     if (dice_.once_in(2)) made_.setup.constraint_options.tolerance = dice_.power(-10, -3);
     vigour_ = dice_.power(-2, 0);
+  }
+
+  static void keep_size(ConstraintKind& kind) {
+    if (auto* circle = std::get_if<Circular>(&kind)) circle->radius = Size::kept;
+    if (auto* cylinder = std::get_if<Cylindrical>(&kind)) cylinder->radius = Size::kept;
+    if (auto* sphere = std::get_if<Spherical>(&kind)) sphere->radius = Size::kept;
+    if (auto* cone = std::get_if<Conical>(&kind)) cone->angle = Size::kept;
   }
 
   /// Blobs around one point, each in the one before.

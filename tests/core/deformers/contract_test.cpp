@@ -256,6 +256,7 @@ test::dense_energy::Set oracle_set(const Case& c, std::size_t t, const Vec3& ori
   const double weight = c.setup.constraints[t].weight;
   set.weight = Extended(weight != 0 ? weight : Constraint::automatic_weight) / static_cast<Extended>(c.sets[t].size());
   for (const PointId id : c.sets[t]) set.rest.push_back(oracle_place(c.mesh->points[id], origin));
+  set.kept = test::dense_energy::kept_of(set.kind, set.rest);
   return set;
 }
 

@@ -28,8 +28,16 @@ inline Place mean_of(const Places& x) {
   return mean / static_cast<Extended>(x.size());
 }
 
-/// Of the nearest sphere: Gauss and Newton's method from the algebraic fit.
-inline Places on_sphere(const Places& x) {
+/// The radius or angle that a kind keeps of its points at rest.
+using Kept = std::optional<Extended>;
+
+struct Ball {
+  Place centre;
+  Extended radius;
+};
+
+/// The nearest sphere, of a radius that may be given: Gauss and Newton's method from the algebraic fit.
+inline Ball ball(const Places& x, const Kept& kept) {
   const auto n = static_cast<Eigen::Index>(x.size());
   const Place mean = mean_of(x);
   Matrix A(n, 4), b(n, 1);
@@ -41,39 +49,68 @@ inline Places on_sphere(const Places& x) {
   const Matrix algebraic = A.colPivHouseholderQr().solve(b);
   Place centre = mean + algebraic.topRows(3);
   Extended radius = std::sqrt(algebraic(3, 0) + algebraic.topRows(3).squaredNorm());
+  if (kept) {
+    centre = mean + (centre - mean) * (*kept / radius);
+    radius = *kept;
+  }
   for (int step = 0; step < 200; ++step) {
     for (Eigen::Index i = 0; i < n; ++i) {
       const Place from = x[static_cast<std::size_t>(i)] - centre;
       A.row(i) << from.transpose() / from.norm(), 1;
       b(i, 0) = from.norm() - radius;
     }
-    const Matrix change = A.colPivHouseholderQr().solve(b);
+    const Matrix change = A.leftCols(kept ? 3 : 4).colPivHouseholderQr().solve(b);
     centre += change.topRows(3);
-    radius += change(3, 0);
+    if (!kept) radius += change(3, 0);
     if (change.norm() <= 1e-18L * radius) break;
   }
+  return {centre, radius};
+}
+
+inline Places on_sphere(const Places& x, const Kept& kept) {
+  const Ball at = ball(x, kept);
   Places result;
-  for (const Place& p : x) result.push_back(centre + radius * (p - centre).normalized());
+  for (const Place& p : x) result.push_back(at.centre + at.radius * (p - at.centre).normalized());
   return result;
 }
 
-/// A circle or an infinite cylinder.
+/// A circle, an infinite cylinder, or a cone far from its apex: its radius grows along the axis by the tangent of the angle.
 struct Round {
   Place centre = Place::Zero(), axis = Place::Zero();
-  Extended radius = 0;
+  Extended radius = 0, angle = 0;
 };
+
+/// What the kinds of round shapes leave free.
+struct RoundKind {
+  bool circle = false, cone = false;
+  bool keeps = false;  ///< its radius, or of a cone its angle
+
+  explicit RoundKind(const ConstraintKind& kind)
+      : circle(std::holds_alternative<Circular>(kind)), cone(std::holds_alternative<Conical>(kind)) {
+    if (const auto* of = std::get_if<Circular>(&kind)) keeps = of->radius == Size::kept;
+    if (const auto* of = std::get_if<Cylindrical>(&kind)) keeps = of->radius == Size::kept;
+    if (const auto* of = std::get_if<Conical>(&kind)) keeps = of->angle == Size::kept;
+  }
+  bool free_radius() const { return cone || !keeps; }
+  bool free_angle() const { return cone && !keeps; }
+};
+inline bool is_round(const ConstraintKind& kind) {
+  return std::holds_alternative<Circular>(kind) || std::holds_alternative<Cylindrical>(kind) ||
+         std::holds_alternative<Conical>(kind);
+}
 
 /// The nearest one of all with the geometric distance, by Gauss and Newton's method from `start`, halving steps.
 class RoundFit {
  public:
-  RoundFit(bool circle, const Places& x) : circle_(circle), x_(x) {}
+  RoundFit(const ConstraintKind& kind, const Places& x, const Kept& kept) : kind_(kind), kept_(kept), x_(x) {}
 
   Extended squares(const Round& at) const {
     Extended sum = 0;
     for (const Place& p : x_) {
       const Place d = p - at.centre;
       const Extended h = at.axis.dot(d), off = (d - h * at.axis).norm() - at.radius;
-      sum += off * off + (circle_ ? h * h : 0);
+      const Extended value = std::cos(at.angle) * off - std::sin(at.angle) * h;
+      sum += value * value + (kind_.circle ? h * h : 0);
     }
     return sum;
   }
@@ -93,6 +130,7 @@ class RoundFit {
         next.centre += share * (change(0, 0) * first + change(1, 0) * second + change(2, 0) * at.axis);
         next.axis = (at.axis + share * (change(3, 0) * first + change(4, 0) * second)).normalized();
         next.radius += share * change(5, 0);
+        next.angle += share * change(6, 0);
         const Extended then = squares(next);
         taken = length <= near || then < now;
         if (taken) at = next, now = then;
@@ -107,13 +145,15 @@ class RoundFit {
     Places result;
     for (const Place& p : x_) {
       const Place d = p - at.centre;
-      const Extended h = at.axis.dot(d);
-      result.push_back(at.centre + at.radius * (d - h * at.axis).normalized() + (circle_ ? 0 : h) * at.axis);
+      const Extended h = at.axis.dot(d), c = std::cos(at.angle), s = std::sin(at.angle);
+      const Place out = (d - h * at.axis).normalized();
+      const Extended value = c * ((d - h * at.axis).norm() - at.radius) - s * h;
+      result.push_back(kind_.circle ? Place(at.centre + at.radius * out) : Place(p - value * (c * out - s * at.axis)));
     }
     return result;
   }
 
-  /// From principal axes and, of a cylinder, directions all around, with the algebraic circle across each; the best.
+  /// From principal axes and, of a cylinder or cone, directions all around, with the algebraic circle across each; the best.
   Round best() const {
     const Place mean = mean_of(x_);
     Eigen::Matrix<Extended, 3, 3> product = Eigen::Matrix<Extended, 3, 3>::Zero();
@@ -121,7 +161,8 @@ class RoundFit {
     const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<Extended, 3, 3>> axes(product);
     std::optional<Round> best;
     std::vector<Place> directions{axes.eigenvectors().col(0)};
-    for (int i = 0; i < 20 && !circle_; ++i) {
+    if (kind_.cone) directions.emplace_back(axes.eigenvectors().col(2));
+    for (int i = 0; i < 20 && !kind_.circle; ++i) {
       const Extended z = (i + 0.5L) / 20, turn = 2.399963229728653L * i, flat = std::sqrt(1 - z * z);
       directions.emplace_back(flat * std::cos(turn), flat * std::sin(turn), z);
     }
@@ -139,51 +180,74 @@ class RoundFit {
       const Matrix c = A.colPivHouseholderQr().solve(b);
       start.centre = mean + c(0, 0) * first + c(1, 0) * second;
       start.radius = std::sqrt(std::max(Extended{0}, c(2, 0) + c(0, 0) * c(0, 0) + c(1, 0) * c(1, 0)));
-      const Round end = improved(start);
-      if (!best || squares(end) < squares(*best)) best = end;
+      if (kept_ && !kind_.cone) start.radius = *kept_;
+      for (const int side : {1, -1}) {
+        if (kind_.cone) start.angle = side * kept_.value_or(0.1L);
+        if (side < 0 && !kind_.cone) break;
+        const Round end = improved(start);
+        if (!best || squares(end) < squares(*best)) best = end;
+      }
     }
     return *best;
   }
 
  private:
+  /// The changes of the centre along `first`, `second` and the axis, of the axis along the two, of radius and angle; zero where
+  /// the kind has none.
   Matrix step_at(const Round& at, const Place& first, const Place& second) const {
-    const auto n = static_cast<Eigen::Index>(x_.size()), rows = circle_ ? 2 * n : n;
-    Matrix A = Matrix::Zero(rows, 6), b = Matrix::Zero(rows, 1);
+    const auto n = static_cast<Eigen::Index>(x_.size()), rows = kind_.circle ? 2 * n : n;
+    const Extended cosine = std::cos(at.angle), sine = std::sin(at.angle);
+    Matrix A = Matrix::Zero(rows, 7), b = Matrix::Zero(rows, 1);
     for (Eigen::Index i = 0; i < n; ++i) {
       const Place d = x_[static_cast<std::size_t>(i)] - at.centre;
-      const Extended h = at.axis.dot(d);
+      const Extended h = at.axis.dot(d), length = (d - h * at.axis).norm();
       const Place out = (d - h * at.axis).normalized();
-      const Extended along = -h / (d - h * at.axis).norm();
-      A.row(i) << -first.dot(out), -second.dot(out), 0, along * first.dot(d), along * second.dot(d), -1;
-      b(i, 0) = at.radius - (d - h * at.axis).norm();
-      if (!circle_) continue;
-      A.row(n + i) << 0, 0, -1, first.dot(d), second.dot(d), 0;
+      const Extended along = -cosine * h / length - sine;
+      A.row(i) << -cosine * first.dot(out), -cosine * second.dot(out), sine, along * first.dot(d), along * second.dot(d), -cosine,
+          -sine * (length - at.radius) - cosine * h;
+      b(i, 0) = -cosine * (length - at.radius) + sine * h;
+      if (!kind_.circle) continue;
+      A.row(n + i) << 0, 0, -1, first.dot(d), second.dot(d), 0, 0;
       b(n + i, 0) = -h;
     }
-    if (!circle_) {
-      Matrix five(rows, 5);
-      five << A.leftCols(2), A.rightCols(3);
-      const Matrix x = five.colPivHouseholderQr().solve(b);
-      Matrix result = Matrix::Zero(6, 1);
-      result.topRows(2) = x.topRows(2);
-      result.bottomRows(3) = x.bottomRows(3);
-      return result;
-    }
-    return A.colPivHouseholderQr().solve(b);
+    std::vector<Eigen::Index> free{0, 1, 3, 4};
+    if (kind_.circle) free.push_back(2);
+    if (kind_.free_radius()) free.push_back(5);
+    if (kind_.free_angle()) free.push_back(6);
+    Matrix some(rows, static_cast<Eigen::Index>(free.size()));
+    for (std::size_t c = 0; c < free.size(); ++c) some.col(static_cast<Eigen::Index>(c)) = A.col(free[c]);
+    const Matrix x = some.colPivHouseholderQr().solve(b);
+    Matrix result = Matrix::Zero(7, 1);
+    for (std::size_t c = 0; c < free.size(); ++c) result(free[c], 0) = x(static_cast<Eigen::Index>(c), 0);
+    return result;
   }
 
-  const bool circle_;
+  const RoundKind kind_;
+  const Kept kept_;
   const Places& x_;
 };
 
-/// The nearest places of that kind. `near`, of circles and cylinders, is a shape from which the fit starts, or where it is stored
-/// that of the best of several.
-inline Places projected(const ConstraintKind& kind, const Places& rest, const Places& x, const Place& origin,
+/// What a kind keeps of its points at rest.
+inline Kept kept_of(const ConstraintKind& kind, const Places& rest) {
+  if (const auto* sphere = std::get_if<Spherical>(&kind)) {
+    return sphere->radius == Size::kept ? Kept(ball(rest, {}).radius) : Kept();
+  }
+  if (!is_round(kind) || !RoundKind(kind).keeps) return {};
+  ConstraintKind free = kind;
+  if (auto* of = std::get_if<Circular>(&free)) of->radius = Size::free;
+  if (auto* of = std::get_if<Cylindrical>(&free)) of->radius = Size::free;
+  if (auto* of = std::get_if<Conical>(&free)) of->angle = Size::free;
+  const Round at = RoundFit(free, rest, {}).best();
+  return std::holds_alternative<Conical>(kind) ? std::abs(at.angle) : at.radius;
+}
+
+/// The nearest places of that kind with what it keeps. `near`, of round shapes, is one from which the fit starts, or where that
+/// of the best of several is stored.
+inline Places projected(const ConstraintKind& kind, const Kept& kept, const Places& rest, const Places& x, const Place& origin,
                         std::optional<Round>* near = nullptr) {
   Places result = x;
-  const bool circle = std::holds_alternative<Circular>(kind);
-  if (circle || std::holds_alternative<Cylindrical>(kind)) {
-    const RoundFit fit(circle, x);
+  if (is_round(kind)) {
+    const RoundFit fit(kind, x, kept);
     const Round at = near != nullptr && *near ? fit.improved(**near) : fit.best();
     if (near != nullptr) *near = at;
     return fit.nearest(at);
@@ -198,7 +262,7 @@ inline Places projected(const ConstraintKind& kind, const Places& rest, const Pl
     for (Place& p : result) p -= normal.dot(p - point) * normal;
     return result;
   }
-  if (std::holds_alternative<Spherical>(kind)) return on_sphere(x);
+  if (std::holds_alternative<Spherical>(kind)) return on_sphere(x, kept);
   const Place mean = mean_of(x);
   Eigen::Matrix<Extended, 3, 3> product = Eigen::Matrix<Extended, 3, 3>::Zero();
   if (std::holds_alternative<Rigid>(kind)) {  // Kabsch 1976
@@ -236,6 +300,7 @@ struct Set {
   Extended weight = 0;                ///< of each point
   mutable std::optional<Round> last;  ///< circle or cylinder of the last projection, from which the next one starts
   Places shift;                       ///< displacements that no function has, of held points; may be empty
+  Kept kept{};                        ///< kept_of() its kind and rest
 
   Places at(const Field& w) const {
     Places x = rest;
@@ -249,7 +314,7 @@ struct Set {
     }
     return x;
   }
-  Places projected(const Places& x) const { return dense_energy::projected(kind, rest, x, origin, &last); }
+  Places projected(const Places& x) const { return dense_energy::projected(kind, kept, rest, x, origin, &last); }
   /// Adds weight Phi^T v.
   void add_transposed(const Places& v, Field& to) const {
     for (std::size_t i = 0; i < v.size(); ++i) {
@@ -268,10 +333,10 @@ struct Set {
     for (const Place& p : x) size = std::max(size, (p - mean).norm());
     const Extended step = 1e-6L * size;
     Matrix result = Matrix::Identity(n, n);
-    dense_energy::projected(kind, rest, x, origin, &last);
+    dense_energy::projected(kind, kept, rest, x, origin, &last);
     const auto near = [&](const Places& at) {
       std::optional<Round> start = last;
-      return dense_energy::projected(kind, rest, at, origin, &start);
+      return dense_energy::projected(kind, kept, rest, at, origin, &start);
     };
     for (Eigen::Index c = 0; c < n; ++c) {
       Places up = x, down = x;

@@ -54,7 +54,7 @@ class Shape {
   };
 
   /// That of a set nearest to its points.
-  Shape(const PlacedSet& of, const Places& y) : of_(of), kind_(of.set.kind), centre_(mean_of(y)) {
+  Shape(const PlacedSet& of, const Places& y) : of_(of), kind_(of.set.kind), round_(kind_), centre_(mean_of(y)) {
     if (const auto* plane = std::get_if<FixedPlane>(&kind_)) {
       for (Eigen::Index k = 0; k < 3; ++k) {
         axis_[k] = plane->normal[static_cast<std::size_t>(k)];
@@ -64,10 +64,11 @@ class Shape {
       return;
     }
     if (is_round()) {
-      const Round round = RoundFit(std::holds_alternative<Circular>(kind_), y).best();
+      const Round round = RoundFit(kind_, y, of.set.kept).best();
       centre_ = round.centre;
       axis_ = round.axis;
       radius_ = round.radius;
+      angle_ = round.angle;
       for (const auto& section : of.sections) {
         heights_.push_back(0);
         for (const std::size_t i : section) {
@@ -102,7 +103,8 @@ class Shape {
   std::size_t parameters() const {
     if (std::holds_alternative<FixedPlane>(kind_)) return 0;
     if (std::holds_alternative<Planar>(kind_)) return 3;
-    if (is_round()) return 5 + (std::holds_alternative<Circular>(kind_) ? 1 : heights_.size());
+    if (is_round()) return first_height() + (std::holds_alternative<Circular>(kind_) ? 1 : heights_.size());
+    if (std::holds_alternative<Spherical>(kind_) && of_.set.kept) return 3;
     return std::holds_alternative<Rigid>(kind_) ? 6 : 4;
   }
 
@@ -121,7 +123,9 @@ class Shape {
         result.push_back({i, second.dot(d), second, {0, -1, 0, -h}});
       } else if (std::holds_alternative<Spherical>(kind_)) {
         const Place out = d.normalized();
-        result.push_back({i, d.norm() - radius_, out, {-out[0], -out[1], -out[2], -1}});
+        std::vector<Extended> by{-out[0], -out[1], -out[2], -1};
+        by.resize(parameters());
+        result.push_back({i, d.norm() - radius_, out, by});
       } else if (std::holds_alternative<Rigid>(kind_)) {
         const Place at = turn_ * (of_.set.rest[i] - mean_of(of_.set.rest));
         for (Eigen::Index k = 0; k < 3; ++k) {
@@ -130,20 +134,23 @@ class Shape {
         }
       } else {
         const Place out = (d - h * axis_).normalized();
-        const Extended off = (d - h * axis_).norm();
-        std::vector<Extended> by{-first.dot(out), -second.dot(out), -h / off * first.dot(d), -h / off * second.dot(d), -1};
+        const Extended off = (d - h * axis_).norm(), c = std::cos(angle_), sine = std::sin(angle_);
+        const Extended along = -c * h / off - sine;
+        std::vector<Extended> by{-c * first.dot(out), -c * second.dot(out), along * first.dot(d), along * second.dot(d)};
+        if (round_.free_radius()) by.push_back(-c);
+        if (round_.free_angle()) by.push_back(-sine * (off - radius_) - c * h);
         by.resize(parameters());
-        result.push_back({i, off - radius_, out, by});
-        std::vector<Extended> across{0, 0, first.dot(d), second.dot(d), 0};
+        result.push_back({i, c * (off - radius_) - sine * h, c * out - sine * axis_, by});
+        std::vector<Extended> across{0, 0, first.dot(d), second.dot(d)};
         across.resize(parameters());
         if (std::holds_alternative<Circular>(kind_)) {
-          across[5] = -1;
+          across[first_height()] = -1;
           result.push_back({i, h, axis_, across});
         }
         for (std::size_t s = 0; s < of_.sections.size(); ++s) {
           if (std::find(of_.sections[s].begin(), of_.sections[s].end(), i) == of_.sections[s].end()) continue;
           std::vector<Extended> by_height = across;
-          by_height[5 + s] = -1;
+          by_height[first_height() + s] = -1;
           result.push_back({i, h - heights_[s], axis_, by_height});
         }
       }
@@ -161,22 +168,25 @@ class Shape {
       axis_ = (axis_ + by[2] * first + by[3] * second).normalized();
     } else if (std::holds_alternative<Spherical>(kind_)) {
       centre_ += Place(by[0], by[1], by[2]);
-      radius_ += by[3];
+      if (!of_.set.kept) radius_ += by[3];
     } else if (std::holds_alternative<Rigid>(kind_)) {
       centre_ += Place(by[0], by[1], by[2]);
       const Place axis(by[3], by[4], by[5]);
       if (axis.norm() > 0) turn_ = Eigen::AngleAxis<Extended>(axis.norm(), axis.normalized()).toRotationMatrix() * turn_;
     } else if (is_round()) {
       centre_ += by[0] * first + by[1] * second;
-      if (std::holds_alternative<Circular>(kind_)) centre_ += by[5] * axis_;
+      if (std::holds_alternative<Circular>(kind_)) centre_ += by[first_height()] * axis_;
       axis_ = (axis_ + by[2] * first + by[3] * second).normalized();
-      radius_ += by[4];
-      for (std::size_t s = 0; s < heights_.size(); ++s) heights_[s] += by[5 + s];
+      if (round_.free_radius()) radius_ += by[4];
+      if (round_.free_angle()) angle_ += by[first_height() - 1];
+      for (std::size_t s = 0; s < heights_.size(); ++s) heights_[s] += by[first_height() + s];
     }
   }
 
  private:
-  bool is_round() const { return std::holds_alternative<Circular>(kind_) || std::holds_alternative<Cylindrical>(kind_); }
+  bool is_round() const { return dense_energy::is_round(kind_); }
+  /// The parameters before those of heights along the axis: of the centre and the axis across it, radius and angle where free.
+  std::size_t first_height() const { return 4 + (round_.free_radius() ? 1 : 0) + (round_.free_angle() ? 1 : 0); }
   /// The rotation of the rest, from where it has been turned to.
   Eigen::Matrix<Extended, 3, 3> turned(const Places& on) const {
     const Place before = mean_of(of_.set.rest), now = mean_of(on);
@@ -190,8 +200,9 @@ class Shape {
 
   const PlacedSet& of_;
   const ConstraintKind kind_;
+  const RoundKind round_;
   Place centre_, axis_ = Place::UnitZ();
-  Extended radius_ = 0;
+  Extended radius_ = 0, angle_ = 0;
   std::vector<Extended> heights_;  ///< of the sections
   Eigen::Matrix<Extended, 3, 3> turn_ = Eigen::Matrix<Extended, 3, 3>::Identity();
 };

@@ -137,5 +137,92 @@ TEST(ExactPlacement, EveryPairOfDetectedKindsThatIsMetIsTheNearestWithItsDerivat
   }
 }
 
+/// A set of a part that keeps its radius or angle.
+test::DetectedSet keeping(test::DetectedSet set) {
+  if (auto* circle = std::get_if<Circular>(&set.kind)) circle->radius = Size::kept;
+  if (auto* cylinder = std::get_if<Cylindrical>(&set.kind)) cylinder->radius = Size::kept;
+  if (auto* sphere = std::get_if<Spherical>(&set.kind)) sphere->radius = Size::kept;
+  if (auto* cone = std::get_if<Conical>(&set.kind)) cone->angle = Size::kept;
+  return set;
+}
+
+/// The radius of the circle through three of some points.
+double circumradius(const std::vector<Vec3>& x) {
+  const Vec3 a = x[0] - x[x.size() / 3], b = x[x.size() / 3] - x[2 * x.size() / 3], c = x[2 * x.size() / 3] - x[0];
+  return norm(a) * norm(b) * norm(c) / (2 * norm(cross(a, b)));
+}
+
+// A rim that keeps its radius on a cylinder, free or not, is a section of it that gives it the radius.
+TEST(ExactPlacement, CirclesOnCylindersKeepTheirRadii) {
+  int pairs = 0;
+  for (const test::Part& part : {test::capped_cylinder(2), test::step_shaft(1)}) {
+    const std::vector<test::DetectedSet> sets = test::detected_sets(part.mesh);
+    for (const test::DetectedSet& cylinder : sets) {
+      for (const test::DetectedSet& circle : sets) {
+        if (!std::holds_alternative<Cylindrical>(cylinder.kind) || !std::holds_alternative<Circular>(circle.kind)) continue;
+        if (!std::includes(cylinder.points.begin(), cylinder.points.end(), circle.points.begin(), circle.points.end())) continue;
+        const test::DetectedSet kept_cylinder = keeping(cylinder), kept_circle = keeping(circle);
+        for (const bool both : {false, true}) {
+          const Placing placing(part.mesh, {both ? &kept_cylinder : &cylinder, &kept_circle});
+          const std::vector<Vec3> from = placing.changed(1e-4, 0.3);
+          const ExactPlacement::Placed placed = placing.placement->place(from, {});
+          const std::string what = part.name + " " + cylinder.name + " " + circle.name + (both ? " kept" : " free");
+          EXPECT_FALSE(placed.given_up[0] || placed.given_up[1]) << what;
+          EXPECT_LE(largest(placed.points, from), placed.most_movement()) << what;
+          std::vector<Vec3> rest, now;
+          for (const PointId id : circle.points) {
+            const auto& ids = placing.placement->ids();
+            rest.push_back(placing.places[id]);
+            now.push_back(placed.points[static_cast<std::size_t>(std::lower_bound(ids.begin(), ids.end(), id) - ids.begin())]);
+          }
+          EXPECT_NEAR(circumradius(now), circumradius(rest), 1e-9) << what;
+          check_placed(placing, from, placed, what);
+          ++pairs;
+        }
+      }
+    }
+  }
+  EXPECT_GE(pairs, 8);
+}
+
+// A cylinder that keeps its radius and a circle on it that keeps another one: one of them is given up and keeps its soft fit.
+TEST(ExactPlacement, RadiiThatContradictEachOtherAreGivenUp) {
+  const test::Part part = test::capped_cylinder(2);
+  const std::vector<test::DetectedSet> sets = test::detected_sets(part.mesh);
+  for (const test::DetectedSet& cylinder : sets) {
+    for (const test::DetectedSet& circle : sets) {
+      if (!std::holds_alternative<Cylindrical>(cylinder.kind) || !std::holds_alternative<Circular>(circle.kind)) continue;
+      Mesh wide = part.mesh;
+      for (const PointId id : circle.points) {
+        for (std::size_t k = 0; k < 2; ++k) wide.points[id][k] *= 1.01;
+      }
+      const test::DetectedSet kept_cylinder = keeping(cylinder), kept_circle = keeping(circle);
+      const Placing placing(wide, {&kept_cylinder, &kept_circle});
+      const std::vector<Vec3> from = placing.changed(1e-3, 0.3);
+      const ExactPlacement::Placed placed = placing.placement->place(from, {});
+      EXPECT_NE(placed.given_up[0], placed.given_up[1]) << circle.name;
+      EXPECT_LE(largest(placed.points, from), placed.most_movement()) << circle.name;
+    }
+  }
+}
+
+// Cones and spheres, of a kept angle or radius or a free one, beside planes and alone.
+TEST(ExactPlacement, EveryKindIsTheNearestWithWhatItKeeps) {
+  std::map<std::string, int> seen;
+  for (const test::Part& part : test::all_parts(1)) {
+    for (const test::DetectedSet& set : test::detected_sets(part.mesh)) {
+      if (std::holds_alternative<Planar>(set.kind) || std::holds_alternative<FeatureLine>(set.kind)) continue;
+      if (seen[std::string(kind_name(set.kind))]++ >= 4) continue;
+      const test::DetectedSet kept = keeping(set);
+      const Placing placing(part.mesh, {&kept});
+      const std::vector<Vec3> from = placing.changed(1e-4, 0.2);
+      const ExactPlacement::Placed placed = placing.placement->place(from, {});
+      EXPECT_FALSE(placed.given_up[0]) << part.name << ' ' << set.name;
+      check_placed(placing, from, placed, part.name + " " + set.name);
+    }
+  }
+  for (const char* kind : {"circular", "cylindrical", "spherical", "conical"}) EXPECT_GE(seen[kind], 1) << kind;
+}
+
 }  // namespace
 }  // namespace deform
