@@ -430,21 +430,22 @@ def test_populations_are_not_evaluated_outside_of_quality(study):
 
 
 def test_gradients_hold_quality_by_differences(study, system):
-    """As far as the least angle allows; no design of the differences is evaluated."""
-    text = "evaluate: {function: study_functions:distance, quality: [displacement, least_angle]}\nminimize: distance\nbudget: 40\noptimizer: {scipy: {method: SLSQP}}\n"
+    """As far as the displacement may go; no design of the differences is evaluated."""
+    text = "evaluate: {function: study_functions:distance, quality: [displacement, total_area]}\nminimize: distance\nbudget: 40\noptimizer: {scipy: {method: SLSQP}}\n"
     code, told = study(text)
     assert code == 0, told
     free = study.history()[-1]
     limit = 0.6 * float(free["displacement"])
     assert limit > 0.005, "the constraint shall be active"
     study.folder.rename(study.folder.with_name("free"))
-    code, told = study(text + f"constraints: {{displacement: {{max: {limit!r}}}, least_angle: {{min: 1}}}}")
+    code, told = study(text + f"constraints: {{displacement: {{max: {limit!r}}}, total_area: {{min: 1}}}}")
     assert code == 0, told
     rows = study.history()
     assert float(rows[-1]["displacement"]) == pytest.approx(limit, rel=1e-4) and len(rows) < 40
     records = [json.loads(line) for line in (study.folder / "journal.jsonl").read_text().splitlines()]
-    slope = differences(system, records[0]["x"], Quality(system.geometry), ["least_angle"])["least_angle"]
-    np.testing.assert_allclose(records[0]["gradients"]["least_angle"], slope, rtol=1e-9, atol=1e-9)
+    slope = differences(system, records[0]["x"], Quality(system.geometry), ["total_area"])["total_area"]
+    assert np.abs(slope).min() > 1e-3
+    np.testing.assert_allclose(records[0]["gradients"]["total_area"], slope, rtol=1e-9, atol=1e-9)
     assert float(free["distance"]) < float(rows[-1]["distance"]) < float(rows[0]["distance"])
 
 
@@ -564,6 +565,15 @@ def test_places_give_the_same_history(study, place, library):
 
 
 # ---- parts ----
+
+
+def test_numbers_with_exponents_need_no_point(case, tmp_path):
+    """1e-9 is text to YAML 1.1, and so to PyYAML."""
+    (tmp_path / "s.yaml").write_text(f"setup: {case.setup}\nevaluate: {{measures: {{a: area}}}}\nminimize: a\nconstraints: {{a: {{min: 1e-9, max: -2E+1}}}}\n"
+                                     "optimizer: {scipy: {method: SLSQP, ftol: 1e-7, eps: .5e-3}}\nbudget: 9\nfolder: 1e5e\n")
+    spec = read_spec(tmp_path / "s.yaml")
+    assert spec.constraints == (("a", "min", 1e-9), ("a", "max", -20.0)) and spec.optimizer[1] == {"method": "SLSQP", "ftol": 1e-7, "eps": 5e-4}
+    assert spec.folder.name == "1e5e"
 
 
 @pytest.mark.parametrize("text, message", [

@@ -4,6 +4,7 @@
 import hashlib
 import os
 import pathlib
+import re
 from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Optional, Tuple, Union
 
 from .. import _deformd
@@ -64,7 +65,7 @@ def read_spec(path: Union[str, "os.PathLike[str]"]) -> Spec:
     if not file.is_file():
         raise NotFound(f"{path}: there is no such file")
     try:
-        raw = yaml.safe_load(file.read_text())
+        raw = yaml.load(file.read_text(), _loader())
     except yaml.YAMLError as error:
         raise InvalidArgument(f"{path}: {error}") from None
     if not isinstance(raw, dict):
@@ -116,6 +117,17 @@ def read_spec(path: Union[str, "os.PathLike[str]"]) -> Spec:
     return Spec(setup, mesh, raw.get("server"), base / raw.get("folder", file.stem), base, _whole("seed", raw.get("seed", 1), 0), evaluate, objectives,
                 constraints, doe, optimizer, budget, _place(raw.get("place", {"threads": 1})),
                 _one_of("deformation", raw.get("deformation", "server"), ("server", "compiled")), extension, float(failing), identity)
+
+
+def _loader() -> Any:
+    """That of PyYAML, which takes 1e-9 for text, with the numbers of YAML 1.2."""
+    import yaml
+
+    class Loader(yaml.SafeLoader):
+        pass
+
+    Loader.add_implicit_resolver("tag:yaml.org,2002:float", re.compile(r"^[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)[eE][-+]?[0-9]+$"), list("-+.0123456789"))
+    return Loader
 
 
 def _one_of(what: str, value: Any, choices: Tuple[str, ...]) -> str:
