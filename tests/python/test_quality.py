@@ -142,8 +142,8 @@ def test_differences_are_derivatives(scale):
     np.testing.assert_allclose(slopes["total_volume"], [36 * cell, 0], atol=36e-6 * cell)
     # edges (1 + a, 0, 0) and (b, 0, 1): determinant over lengths is 1 / sqrt(1 + b^2)
     np.testing.assert_allclose(slopes["scaled_jacobian"], [0, -b * (1 + b * b) ** -1.5], atol=1e-6)
-    at_bound = differences(system, [0.5, 1.0], quality, ["volume"])["volume"]
-    np.testing.assert_allclose(at_bound, [cell, 0], atol=1e-6 * cell)
+    for bound in ([0.5, 1.0], [-0.5, -1.0]):
+        np.testing.assert_allclose(differences(system, bound, quality, ["volume"])["volume"], [cell, 0], atol=1e-6 * cell)
     limits = QualityConstraints(quality, {"volume": {"min": 0.5 * cell, "max": 2 * cell}})
     np.testing.assert_allclose(limits.violations(system.deform(x).points), [(0.5 - 1.2) / 0.5, (1.2 - 2) / 2], rtol=1e-12)
     np.testing.assert_allclose(limits.gradients(system, x), [[-2, 0], [0.5, 0]], atol=1e-5)
