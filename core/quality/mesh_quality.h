@@ -20,11 +20,11 @@ namespace deform {
 
 /// All that is measured of a mesh; exactly one of surface, elements and cells is there.
 struct MeshQuality {
-  std::optional<SurfaceQuality> surface;
-  std::optional<ElementQuality> elements;
-  std::optional<PolyhedralQuality> cells;
-  std::optional<PlaneQuality> plane;  ///< beside `surface`, of triangles and quads in a plane z = constant
-  QualityReport report;
+  std::optional<SurfaceQuality> surface;   ///< of a mesh without cells
+  std::optional<ElementQuality> elements;  ///< of cells by their nodes
+  std::optional<PolyhedralQuality> cells;  ///< of cells by their faces
+  std::optional<PlaneQuality> plane;       ///< beside `surface`, of triangles and quads in a plane z = constant
+  QualityReport report;                    ///< the same, as rows
 };
 
 /// Measures a mesh. `left_handed` are its left-handed cells: the result of left_handed_cells() at rest, or empty. Parallel; the
@@ -45,10 +45,10 @@ class QualityCheck {
  public:
   /// A name that this mesh has.
   struct Name {
-    std::string name;   ///< as QualityRow::name
-    std::string label;  ///< for people
-    bool counts = false;
-    Better better = Better::neither;
+    std::string name;                 ///< as QualityRow::name
+    std::string label;                ///< for people
+    bool counts = false;              ///< the value is a number of something, so it has no derivative
+    Better better = Better::neither;  ///< the direction in which it improves
   };
 
   /// `rest` has the points at rest; `walls` are names of groups of boundary faces of a volume mesh. Throws
@@ -60,6 +60,7 @@ class QualityCheck {
 
   /// In the order of the report.
   const std::vector<Name>& names() const { return names_; }
+  /// Of the mesh.
   std::size_t point_count() const { return rest_->point_count(); }
 
   /// Throws Error(invalid_argument) for a name that this mesh does not have, with those it has or what it needs.

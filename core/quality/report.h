@@ -66,8 +66,8 @@ struct QualityReport {
 
 /// A name that a report of some mesh has.
 struct QualityName {
-  std::string name;
-  bool counts = false;
+  std::string name;     ///< as QualityRow::name
+  bool counts = false;  ///< as QualityRow::counts
 };
 /// All of them, each once: of surfaces, plane meshes, elements of all types and polyhedral cells, and of what needs a group of
 /// wall faces, the rest, or regions.
