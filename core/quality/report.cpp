@@ -5,6 +5,7 @@
 #include <map>
 #include <utility>
 
+#include "core/base/error.h"
 #include "core/quality/displacement.h"
 #include "core/quality/polygon.h"
 #include "core/quality/summary.h"
@@ -22,7 +23,9 @@ QualityRow row(const char* name, const char* label, double value, Better better 
   return {name, label, value, std::nullopt, better};
 }
 QualityRow row(const char* name, const char* label, std::size_t count, Better better = Better::neither) {
-  return row(name, label, static_cast<double>(count), better);
+  QualityRow made = row(name, label, static_cast<double>(count), better);
+  made.counts = true;
+  return made;
 }
 
 template <typename Counts>
@@ -85,8 +88,47 @@ std::vector<std::size_t> ids_of(std::span<const IntersectingFace> faces) {
 }  // namespace
 
 const QualityRow* QualityReport::find(const std::string& name) const {
-  const auto found = std::find_if(rows.begin(), rows.end(), [&](const QualityRow& r) { return r.name == name; });
-  return found == rows.end() ? nullptr : &*found;
+  const auto of = [&](const std::string& wanted) {
+    const auto found = std::find_if(rows.begin(), rows.end(), [&](const QualityRow& r) { return r.name == wanted; });
+    return found == rows.end() ? nullptr : &*found;
+  };
+  const QualityRow* found = of(name);
+  return found == nullptr && name == "inverted_cells" ? of("inverted_elements") : found;
+}
+
+std::string QualityReport::unknown(const std::string& name) const {
+  std::vector<std::string> names;
+  std::string all;
+  for (const QualityRow& r : rows) {
+    names.push_back(r.name);
+    all += (all.empty() ? "" : ", ") + r.name;
+  }
+  const std::string near = nearest_names(name, names);
+  return "there is no measure \"" + name + "\"; " + (near.empty() ? "there are " + all : "did you mean " + near + "?");
+}
+
+std::vector<QualityName> quality_names() {
+  ElementQuality elements;
+  for (ElementMeasures& type : elements.of_type) type.elements = 1;
+  QualityReport all;  // the reports of nothing have the names of those of something
+  for (const QualityReport& report :
+       {quality_report(SurfaceQuality{}, {}), quality_report(elements, {}, {}), quality_report(PolyhedralQuality{}, {}, {})}) {
+    all.rows.insert(all.rows.end(), report.rows.begin(), report.rows.end());
+  }
+  add_to(all, PlaneQuality{}, {}, {});
+  add_to(all, WallQuality{});
+  add_to(all, RegionJumps{});
+  add_to(all, JumpGrowth{});
+  add_displacement(all, {}, {});
+  add_flipped(all, {}, {});
+  add_intersecting(all, {}, {});
+  add_newly_intersecting(all, {});
+  std::vector<QualityName> names;
+  for (const QualityRow& r : all.rows) {
+    const bool known = std::any_of(names.begin(), names.end(), [&](const QualityName& name) { return name.name == r.name; });
+    if (!known) names.push_back({r.name, r.counts});
+  }
+  return names;
 }
 
 QualityReport quality_report(const PolyhedralQuality& q, std::span<const Vec3> points, const PolyhedralCells& cells) {

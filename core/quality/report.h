@@ -29,6 +29,7 @@ struct QualityRow {
   std::optional<std::size_t> id;  ///< id of the point, face, cell or element with this value
   Better better = Better::neither;
   bool in_table = true;  ///< otherwise only in machine-readable output
+  bool counts = false;   ///< the value is a number of something, so it has no derivative
 };
 
 struct QualityHistogram {
@@ -58,8 +59,20 @@ struct QualityReport {
   std::vector<std::string> failed = {};  ///< failed checks with their counts: "face pyramids: 19"
   std::string method;                    ///< a sentence on how the quality was measured
 
+  /// The row with this name, or nullptr. inverted_cells, as commands that deform call it, finds inverted_elements as well.
   const QualityRow* find(const std::string& name) const;
+  /// Says of a name that find() does not know what it needs, which was not given, or what it may have meant.
+  std::string unknown(const std::string& name) const;
 };
+
+/// A name that a report of some mesh has.
+struct QualityName {
+  std::string name;     ///< as QualityRow::name
+  bool counts = false;  ///< as QualityRow::counts
+};
+/// All of them, each once: of surfaces, plane meshes, elements of all types and polyhedral cells, and of what needs a group of
+/// wall faces, the rest, or regions.
+std::vector<QualityName> quality_names();
 
 QualityReport quality_report(const PolyhedralQuality& quality, std::span<const Vec3> points, const PolyhedralCells& cells);
 QualityReport quality_report(const ElementQuality& quality, std::span<const Vec3> points, const Elements& elements);

@@ -38,7 +38,7 @@ endfunction()
 if(DEFORM_BUILD_NETWORK)
   deform_install_library(client
     TARGETS deform_base deform_codec deform_compiled deform_proto deform_proto_grpc deform_convert_base deform_client
-    HEADERS client/client.h client/design.h core/base/version.h core/compiled/deformation.h core/compiled/reader.h)
+    HEADERS client/client.h client/design.h client/design_measures.h core/base/version.h core/compiled/deformation.h core/compiled/reader.h)
   install(DIRECTORY ${PROJECT_BINARY_DIR}/proto/deform DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} COMPONENT client
           FILES_MATCHING PATTERN *.pb.h)
   install(DIRECTORY ${PROJECT_SOURCE_DIR}/proto/deform DESTINATION ${DEFORM_PROTO_DIR} COMPONENT client FILES_MATCHING PATTERN *.proto)
@@ -57,7 +57,7 @@ if(DEFORM_BUILD_NETWORK AND DEFORM_BUILD_FILES)
     TARGETS deform_mesh deform_io deform_quality deform_measures deform_files
     HEADERS core/io/mesh_file.h core/io/vtk_output.h core/io/coloured_ply.h core/mesh/adjacency.h core/mesh/ahmed.h
             core/mesh/inspect.h core/mesh/region.h core/quality/displacement.h core/quality/flipped_faces.h
-            core/quality/report.h core/quality/safe_amplitude.h core/measures/clearance.h core/measures/integrals.h
+            core/quality/mesh_quality.h core/quality/report.h core/quality/safe_amplitude.h core/measures/clearance.h core/measures/integrals.h
             core/measures/sobolev_filter.h core/measures/thickness.h)
   install(FILES ${PROJECT_SOURCE_DIR}/deploy/cmake/FindCGNS.cmake DESTINATION ${package_dir} COMPONENT files)
 endif()

@@ -39,3 +39,7 @@ def distance(points, variables, report):
     """To a point; with its gradient."""
     away = points - np.array([1.0, 0, 0.5])
     return {"distance": float((away ** 2).sum())}, {"distance": 2 * away}
+
+
+def angle(points, variables, report):
+    return {"least_angle": 1.0}

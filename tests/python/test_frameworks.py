@@ -70,6 +70,26 @@ def test_cma_on_points(system, goal):
     assert f(strategy.result.xbest) == strategy.result.fbest
 
 
+def test_cma_ranks_designs_outside_of_limits_of_quality_behind(system, goal):
+    from deformd.quality import Quality, QualityConstraints
+
+    pytest.importorskip("cma")
+    from deformd.adapters.cma import OUTSIDE, CmaObjective
+
+    quality = Quality(system.geometry)
+    designs = [[0.0, 0.0], [0.04, 0.1], [0.02, 0.19], [9.0, 0.0]]
+    measured = [quality.values(system(x), ["total_area"])["total_area"] for x in designs[:3]]
+    limit = min(measured) * 1.0000001  # one of the three is within
+    asked = []
+    f = CmaObjective(system, lambda points, report: asked.append(1) or 5.0, constraints=QualityConstraints(quality, {"total_area": {"max": limit}}))
+    values = f(designs)
+    within = [value <= limit for value in measured]
+    assert [value == 5.0 for value in values[:3]] == within and len(asked) == sum(within) == 1
+    assert [OUTSIDE <= value < 1e30 for value in values[:3]] == [not each for each in within] and values[3] == 1e30
+    beyond = [(value, (found - limit) / limit) for value, found, fine in zip(values, measured, within) if not fine]
+    assert all(value == pytest.approx(OUTSIDE * (1 + by)) for value, by in beyond)
+
+
 # ---- OpenMDAO ----
 
 
@@ -94,6 +114,28 @@ def test_openmdao_check_partials(component):
     assert np.abs(differences).max() > 0.1
     np.testing.assert_allclose(forward, differences, atol=1e-7)
     np.testing.assert_allclose(reverse, differences, atol=1e-7)
+
+
+def test_openmdao_has_quality(system):
+    om = pytest.importorskip("openmdao.api")
+    from deformd.adapters.openmdao import DeformationComponent
+
+    quality = deformd.Quality(system.geometry)
+    problem = om.Problem(reports=False)
+    problem.model.add_subsystem("shape", DeformationComponent(system=system, quality=quality, measures=["total_area", "flipped_faces"]))
+    problem.setup(force_alloc_complex=False)
+    problem.set_val("shape.x", X)
+    problem.run_model()
+    assert problem.get_val("shape.total_area")[0] == quality(system(X))["total_area"]
+    found = problem.check_partials(out_stream=None, method="fd", form="central", step=1e-4)["shape"]
+    for output in ("total_area", "flipped_faces"):
+        np.testing.assert_allclose(found[output, "x"]["J_fwd"], found[output, "x"]["J_fd"], rtol=1e-4, atol=1e-7)
+        np.testing.assert_allclose(found[output, "x"]["J_rev"], found[output, "x"]["J_fd"], rtol=1e-4, atol=1e-7)
+    assert np.abs(found["total_area", "x"]["J_fd"]).min() > 1e-3
+    wrong = om.Problem(reports=False)
+    wrong.model.add_subsystem("shape", DeformationComponent(system=system, quality=quality, measures=["total_aria"]))
+    with pytest.raises(deformd.InvalidArgument, match='did you mean "total_area"'):
+        wrong.setup()
 
 
 def test_openmdao_says_that_a_design_failed(component):
@@ -156,8 +198,8 @@ def mean_height(points, report):
 if __name__ == "__main__":
     system = deformd.Client(sys.argv[1]).prepare(sys.argv[2])
     ensemble = Ensemble(parse_args=False, libE_specs=LibeSpecs(comms="threads", nworkers=2, disable_log_files=True))
-    ensemble.sim_specs = SimSpecs(sim_f=sim_function, inputs=["x"], out=[("f", float), ("usable", bool)],
-                                  user={"system": system, "objective": mean_height})
+    ensemble.sim_specs = SimSpecs(sim_f=sim_function, inputs=["x"], out=[("f", float), ("usable", bool), ("total_area", float)],
+                                  user={"system": system, "objective": mean_height, "quality": deformd.Quality(system.geometry)})
     ensemble.gen_specs = GenSpecs(gen_f=latin_hypercube_sample, outputs=[("x", float, (2,))], user=generator_user(system, gen_batch_size=8))
     ensemble.exit_criteria = ExitCriteria(sim_max=8)
     ensemble.add_random_streams()
@@ -166,6 +208,8 @@ if __name__ == "__main__":
     expected = system(done["x"])[:, :, 2].mean(axis=1)
     assert len(done) == 8 and done["usable"].all(), done
     np.testing.assert_allclose(done["f"], expected, rtol=1e-12)
+    areas = [deformd.Quality(system.geometry)(points)["total_area"] for points in system(done["x"])]
+    np.testing.assert_allclose(done["total_area"], areas, rtol=1e-12)
     print("agreed")
 """
 
@@ -235,6 +279,27 @@ def test_dakota_values_and_gradients(dakota, system, form):
     np.testing.assert_allclose(gradient, system.vjp(X, slope)[::-1], rtol=1e-9)
 
 
+def test_dakota_has_quality(dakota, system):
+    from deformd.quality import differences
+
+    text = STANDARD.format(a=X[0], b=X[1], active=3).replace(":v", ":least_angle").replace(":a\n", ":max_displacement\n")
+    done, results = dakota(text, "--quality", "least_angle", "--quality", "max_displacement")
+    assert done.returncode == 0, done.stderr
+    points, report = system.deform(X)
+    quality = deformd.Quality(system.geometry)
+    lines = results.splitlines()
+    values = {line.split()[1]: float(line.split()[0]) for line in lines[:2]}
+    assert values == pytest.approx(quality.values(points, ["least_angle", "max_displacement"], report), rel=1e-9)
+    gradient = [float(word) for word in lines[2].strip("[] ").split()]
+    np.testing.assert_allclose(gradient, differences(system, X, quality, ["least_angle"])["least_angle"][::-1], rtol=1e-9)
+    for options, message in ((("--quality", "least_angel"), 'did you mean "least_angle"'), (("--quality", "scaled_jacobian"), "other kinds of meshes"),
+                             ((), "or --quality alone")):
+        done, _ = dakota(text, *options)
+        assert done.returncode == 1 and message in done.stderr, done.stderr
+    done, _ = dakota(text.replace(":least_angle", ":flipped_faces"), "--quality", "flipped_faces", "--quality", "max_displacement")
+    assert done.returncode == 1 and "flipped_faces is a number of faces" in done.stderr
+
+
 def test_dakota_measures_with_options(dakota, system):
     from deformd.measures import ProjectedArea, Thickness
 
@@ -283,7 +348,7 @@ def test_examples(case, library):
         np.testing.assert_allclose(found, [0.02, -0.1], atol=1e-4)
 
 
-@pytest.mark.parametrize("name", ["study", "dataset"])
+@pytest.mark.parametrize("name", ["study", "dataset", "quality"])
 def test_the_studies_of_the_docs_are_read(case, tmp_path, name):
     from deformd.study import read_spec
 

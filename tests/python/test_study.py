@@ -14,12 +14,13 @@ import time
 
 import numpy as np
 import pytest
-from conftest import HERE
+from conftest import HERE, brick
 from scipy.stats import qmc
 
 import deformd
 from deformd.study import read_spec
 from deformd.measures import CentreOfGravity, Thickness, Volume
+from deformd.quality import Quality, differences
 
 KILLS = int(os.environ.get("DEFORM_STUDY_KILLS", "5"))
 
@@ -257,14 +258,14 @@ def test_a_search_says_what_it_did_not_find(study):
 def test_a_wrong_name_of_a_value_may_be_corrected(study):
     text = "evaluate: {function: study_functions:to_the_edge}\nminimize: %s\nbudget: 10\noptimizer: {scipy: {method: Nelder-Mead}}"
     code, told = study(text % "lower")
-    assert code == 1 and told.endswith('error: "lower": design 0 has no such value, only low\n') and "Traceback" not in told, told
+    assert code == 1 and told.endswith('error: "lower": design 0 has no such value, only low; did you mean "low"?\n') and "Traceback" not in told, told
     code, told = study(text % "low")
     assert code == 0 and told.startswith("1 designs are known from before"), told
     code, told = study(text % "lower")
     assert code == 1 and told.startswith("error: minimize: changed since"), told
     study.folder.rename(study.folder.with_name("first"))
     code, told = study((text % "lower").replace("Nelder-Mead", "SLSQP"))
-    assert code == 1 and told.endswith('error: "lower": design 0 has no such value, only low\n'), told
+    assert code == 1 and told.endswith('error: "lower": design 0 has no such value, only low; did you mean "low"?\n'), told
 
 
 def test_a_volume_and_a_least_thickness_are_held(study, system):
@@ -335,6 +336,134 @@ def test_optimizers_of_libraries(study, library, optimizer, enough):
     assert "The best, design" in (study.folder / "report.html").read_text()
 
 
+# ---- quality ----
+
+QUALITY = ["least_angle", "flipped_faces", "displacement", "max_displacement", "displacement_ratio"]
+
+
+def test_quality_is_measured_by_its_names(study, system):
+    code, told = study(f"evaluate: {{function: study_functions:height, quality: [{', '.join(QUALITY)}]}}\ndoe: {{halton: 4}}")
+    assert code == 0, told
+    quality = Quality(system.geometry)
+    for row, kept in zip(study.history(), json.loads((study.folder / "history.json").read_text())):
+        points, report = system.deform([float(row["roof_up"]), float(row["slant_turn"])])
+        expected = quality.values(points, ["least_angle", "flipped_faces", "displacement"])
+        expected.update(max_displacement=report.max_displacement, displacement_ratio=report.max_displacement / report.prescribed_displacement)
+        assert {name: float(row[name]) for name in QUALITY} == pytest.approx(expected, rel=1e-9)
+        assert {name: kept[name] for name in QUALITY} == {name: float(row[name]) for name in QUALITY} and float(row["height"]) > 0
+    records = [json.loads(line) for line in (study.folder / "journal.jsonl").read_text().splitlines()]
+    assert all(each["seconds_quality"] > 0 for each in records)
+    assert re.search(r"^4 designs: \S+ s of deforming, \S+ s of measuring quality, \S+ s of evaluating \(\S+ % is deforming, \S+ % quality\)$", told, re.MULTILINE)
+
+
+def test_the_report_compares_quality_by_its_names(study, system):
+    code, told = study("evaluate: {measures: {v: volume}, quality: total_area}\nminimize: total_area\nconstraints: {v: {min: 0.11}}\nbudget: 12\n"
+                       "optimizer: {scipy: {method: COBYLA}}")
+    assert code == 0, told
+    page = (study.folder / "report.html").read_text()
+    usable = [row for row in study.history() if float(row["v"]) >= 0.11 * (1 - 1e-6)]
+    best = min(usable, key=lambda row: float(row["total_area"]))
+    assert "<td>total_area<td>%.6g</tr>" % float(best["total_area"]) in page
+    before, after = (Quality(system.geometry)(system(x))["total_area"] for x in ([0, 0], [float(best["roof_up"]), float(best["slant_turn"])]))
+    assert before > after and f"area, total<td>{before:.6g}<td>{after:.6g}</tr>" in page
+
+
+def test_quality_alone_is_of_data_sets(study, system):
+    code, told = study("evaluate: {quality: [face_quality]}\ndoe: {halton: 3}\nmeshes: .obj")
+    assert code == 0, told
+    for each in json.loads((study.folder / "manifest.json").read_text())["meshes"]:
+        assert each["values"] == pytest.approx(Quality(system.geometry).values(system(each["variables"]), ["face_quality"]), rel=1e-9)
+
+
+def test_a_compiled_deformation_has_quality(study, system):
+    text = "evaluate: {quality: [least_angle, max_displacement, inverted_at_rest]}\ndoe: {halton: 3}\ndeformation: compiled"
+    code, told = study(text)
+    assert code == 1 and "evaluate.quality: inverted_at_rest: only the server reports it" in told, told
+    code, told = study(text.replace(", inverted_at_rest", ""))
+    assert code == 0, told
+    for row in study.history():
+        x = [float(row["roof_up"]), float(row["slant_turn"])]
+        expected = Quality(system.geometry).values(system(x), ["least_angle", "displacement"])
+        assert [float(row["least_angle"]), float(row["max_displacement"])] == pytest.approx(list(expected.values()), rel=1e-9)
+
+
+def test_what_optimizers_that_rank_need_not_evaluate(study, case, system, tmp_path):
+    """A design outside of its constraints on quality: the function is not called, and what is known ranks it."""
+    from deformd.study.driver import INFEASIBLE, not_evaluated, violations
+    from deformd.study.optimizers import gradients_of, skipping
+    from deformd.study.worker import evaluate
+
+    (tmp_path / "s.yaml").write_text(f"setup: {case.setup}\nevaluate: {{function: study_functions:always_broken, quality: [least_angle, displacement]}}\n"
+                                     "minimize: value\nconstraints: {displacement: {max: 0.02}, least_angle: {min: 1}, value: {max: 3}}\n"
+                                     "optimizer: {cma: {}}\nbudget: 9\n")
+    spec = read_spec(tmp_path / "s.yaml")
+    assert skipping(spec) == [("displacement", "max", 0.02), ("least_angle", "min", 1.0)] and gradients_of(spec) == []
+    task = {"study": "s", "evaluate": spec.evaluate, "folder": str(tmp_path), "write": None, "gradients": [], "server": case.server.address,
+            "system": system.id, "names": system.names, "compiled": None, "mesh": str(case.mesh), "skip": skipping(spec)}
+    outside = evaluate({**task, "number": 0, "x": [0.04, 0.0]})
+    assert outside["verdict"] == "good" and not_evaluated(outside) and set(outside["values"]) == {"least_angle", "displacement"}
+    assert outside["reasons"] == ["not evaluated: displacement 0.04, max 0.02"]
+    assert violations(spec, outside)[0] == pytest.approx(1) and violations(spec, outside)[2] == 0 and INFEASIBLE < 1e60
+    within = evaluate({**task, "number": 1, "x": [0.01, 0.0]})
+    assert within["verdict"] == "failed" and "did not start" in within["reasons"][0] and within["values"]["displacement"] == pytest.approx(0.01)
+
+
+def test_populations_are_not_evaluated_outside_of_quality(study):
+    pytest.importorskip("cma")
+    text = ("evaluate: {function: study_functions:height, quality: [displacement]}\nmaximize: height\nconstraints: {displacement: {max: %s}}\n"
+            "optimizer: {cma: {popsize: 8}}\nbudget: 48")
+    code, told = study(text % "0.02")
+    assert code == 0 and "not evaluated" in told, told
+    rows = study.history()
+    skipped = [row for row in rows if "not evaluated" in row["reasons"]]
+    assert skipped and all(float(row["displacement"]) > 0.02 and not row["height"] for row in skipped)
+    assert len(study.evaluated()) == len(rows) - len(skipped)
+    best = max((row for row in rows if row["height"]), key=lambda row: float(row["height"]))
+    assert 0.015 < float(best["displacement"]) <= 0.02 * (1 + 1e-6)
+    study.folder.rename(study.folder.with_name("first"))
+    code, told = study(text % "1e-9")
+    assert code == 4 and re.search(r"no design is within the constraints; the nearest is design \d+: displacement \S+, max 1e-09", told), told
+    study.folder.rename(study.folder.with_name("second"))
+    pytest.importorskip("pymoo")
+    code, told = study((text % "0.02").replace("cma: {popsize: 8}", "nsga2: {pop_size: 8}"))
+    assert code == 0 and "not evaluated" in told, told
+
+
+def test_gradients_hold_quality_by_differences(study, system):
+    """As far as the displacement may go; no design of the differences is evaluated."""
+    text = "evaluate: {function: study_functions:distance, quality: [displacement, total_area]}\nminimize: distance\nbudget: 40\noptimizer: {scipy: {method: SLSQP}}\n"
+    code, told = study(text)
+    assert code == 0, told
+    free = study.history()[-1]
+    limit = 0.6 * float(free["displacement"])
+    assert limit > 0.005, "the constraint shall be active"
+    study.folder.rename(study.folder.with_name("free"))
+    code, told = study(text + f"constraints: {{displacement: {{max: {limit!r}}}, total_area: {{min: 1}}}}")
+    assert code == 0, told
+    rows = study.history()
+    assert float(rows[-1]["displacement"]) == pytest.approx(limit, rel=1e-4) and len(rows) < 40
+    records = [json.loads(line) for line in (study.folder / "journal.jsonl").read_text().splitlines()]
+    slope = differences(system, records[0]["x"], Quality(system.geometry), ["total_area"])["total_area"]
+    assert np.abs(slope).min() > 1e-3
+    np.testing.assert_allclose(records[0]["gradients"]["total_area"], slope, rtol=1e-9, atol=1e-9)
+    assert float(free["distance"]) < float(rows[-1]["distance"]) < float(rows[0]["distance"])
+
+
+@pytest.mark.parametrize("text, message", [
+    ("evaluate: {quality: [scaled_jacobain]}\ndoe: {sobol: 2}", "evaluate.quality: there is no measure 'scaled_jacobain'; did you mean \"scaled_jacobian\""),
+    ("evaluate: {quality: [scaled_jacobian]}\ndoe: {sobol: 2}", "evaluate.quality: scaled_jacobian is measured of other kinds of meshes"),
+    ("evaluate: {quality: [wall_height], walls: [roof]}\ndoe: {sobol: 2}", "evaluate.quality: walls: the mesh is a surface"),
+    ("evaluate: {quality: [flipped_faces], measures: {a: area}}\nminimize: a\nconstraints: {flipped_faces: {max: 0}}\nbudget: 5\noptimizer: {scipy: {method: SLSQP}}",
+     "flipped_faces: it is a number of faces, cells or the like, which has no slope, and SLSQP follows slopes"),
+    ("evaluate: {function: study_functions:angle, quality: [least_angle]}\ndoe: {sobol: 2}", '"least_angle": the evaluator gives it, and evaluate.quality measures it'),
+    ("evaluate: {function: study_functions:height}\nminimize: least_angle\nbudget: 3\noptimizer: {scipy: {method: COBYLA}}",
+     '"least_angle": design 0 has no such value, only height, turn; it is one of the measures of quality: evaluate.quality: [least_angle]'),
+])
+def test_what_is_wrong_about_quality(study, text, message):
+    code, told = study(text)
+    assert code == 1 and message in told and "Traceback" not in told, told
+
+
 # ---- failures ----
 
 
@@ -400,6 +529,25 @@ def test_flipped_faces_of_a_compiled_deformation_are_doubtful(study, case, tmp_p
     assert rows[1]["reasons"] == f"{server.faces.flipped} of {server.faces.faces} faces are flipped"
 
 
+def test_inverted_cells_of_a_compiled_deformation_are_bad(study, client, tmp_path):
+    """As the server has it. The block of conftest.squeezed, from a file."""
+    meshio = pytest.importorskip("meshio")
+    points, hexahedra = brick()
+    meshio.Mesh(points, {"hexahedron": hexahedra}).write(tmp_path / "brick.vtu")
+    ends = {"handles": [{"name": "right", "region": {"box": {"min": [3.9, -1, -1], "max": [5, 9, 9]}}}], "fixed": [{"box": {"min": [-1, -1, -1], "max": [0.1, 9, 9]}}]}
+    (tmp_path / "brick.yaml").write_text(json.dumps({"geometry": "brick.vtu", **ends, "variables": [
+        {"name": "push", "handle": "right", "translate": [-1, 0, 0], "lower": -10, "upper": 10}]}))
+    (tmp_path / "designs.csv").write_text("push\n1\n6\n-1\n")
+    code, told = study(f"doe: {{table: designs.csv}}\ndeformation: compiled\nsetup: brick.yaml\nevaluate: {{quality: [volume]}}\nfailing: 1")
+    assert code == 0, told
+    rows = study.history()
+    assert [row["verdict"] for row in rows] == ["unknown", "bad", "unknown"] and rows[1]["volume"] == ""
+    system = client.prepare(tmp_path / "brick.yaml")
+    cells = system.deform([6.0]).report.cells
+    assert rows[1]["reasons"].startswith(f"{cells.inverted} of {cells.cells} cells are inverted") and cells.inverted > 0
+    assert deformd.CellCheck(system.geometry).inverted(system.local()([6.0], bad="keep")) == cells.inverted
+
+
 # ---- places ----
 
 
@@ -419,9 +567,28 @@ def test_places_give_the_same_history(study, place, library):
 # ---- parts ----
 
 
+def test_numbers_with_exponents_need_no_point(case, tmp_path):
+    """1e-9 is text to YAML 1.1, and so to PyYAML."""
+    (tmp_path / "s.yaml").write_text(f"setup: {case.setup}\nevaluate: {{measures: {{a: area}}}}\nminimize: a\nconstraints: {{a: {{min: 1e-9, max: -2E+1}}}}\n"
+                                     "optimizer: {scipy: {method: SLSQP, ftol: 1e-7, eps: .5e-3}}\nbudget: 9\nfolder: 1e5e\n")
+    spec = read_spec(tmp_path / "s.yaml")
+    assert spec.constraints == (("a", "min", 1e-9), ("a", "max", -20.0)) and spec.optimizer[1] == {"method": "SLSQP", "ftol": 1e-7, "eps": 5e-4}
+    assert spec.folder.name == "1e5e"
+
+
 @pytest.mark.parametrize("text, message", [
     ("doe: {sobol: 0}", "doe.sobol: 0, expected a whole number of at least 1"),
     ("doe: {sobol: 4}\nbugdet: 3", "key: 'bugdet', expected one of setup, "),
+    ("doe: {sobol: 4}\nbugdet: 3", 'did you mean "budget"?'),
+    ("doe: {sobol: 4}\nevaluate: {quality: [least_angel]}", "evaluate.quality: there is no measure 'least_angel'; did you mean \"least_angle\""),
+    ("doe: {sobol: 4}\nevaluate: {quality: no}", "evaluate.quality: False, expected the name of a measured value"),
+    ("doe: {sobol: 4}\nevaluate: {quality: least_angle, walls: 3}", "evaluate.walls: 3, expected the name of a group of faces"),
+    ("doe: {sobol: 4}\nevaluate: {measures: {a: area}, walls: [roof]}", "evaluate.walls: only with quality"),
+    ("doe: {sobol: 4}\nevaluate: {measures: {volume: volume}, quality: [volume]}", 'evaluate.measures.volume: gives "volume", as evaluate.quality does'),
+    ("doe: {sobol: 4}\nevaluate: {measures: {a: area}}\nconstraints: {least_angle: {min: 9}}",
+     '"least_angle": no such measure, only a; it is one of the measures of quality: evaluate.quality: [least_angle] has it measured'),
+    ("doe: {sobol: 4}\nevaluate: {quality: [least_angle]}\nconstraints: {least_angel: {min: 9}}", 'only least_angle; did you mean "least_angle"?'),
+    ("doe: {sobol: 4}\nevaluate: {quality: [least_angle]}\nconstraints: {least_angle: {least: 9}}", "constraints.least_angle: 'least', expected one of min, max"),
     ("doe: {sobol: 4}\noptimizer: {cma: {}}", "exactly one of them"),
     ("optimizer: {cma: {}}\nbudget: 9", "an optimizer needs an objective"),
     ("optimizer: {cma: {}}\nminimize: a\nevaluate: {measures: {a: area}}", "budget: missing"),

@@ -45,21 +45,10 @@ std::string missing_option(const std::string& measure, const ComparisonInput& in
 /// What a gate says of the report. Throws CLI::ValidationError when there is no such measure: which there are depends on the
 /// mesh.
 QualityPage::Gate gate_of(const Gate& gate, const ComparisonInput& input, const QualityReport& report) {
-  // What `apply` and `sweep` call so, whatever the cells are.
-  const bool elements = gate.name == "inverted_cells" && report.find("inverted_elements") != nullptr;
-  if (const QualityRow* row = report.find(elements ? "inverted_elements" : gate.name))
-    return {gate.text, row->value, gate.holds_for(row->value)};
+  if (const QualityRow* row = report.find(gate.name)) return {gate.text, row->value, gate.holds_for(row->value)};
   const std::string option = missing_option(gate.name, input);
   if (!option.empty()) throw CLI::ValidationError("--fail-on " + gate.text + ": " + gate.name + " is measured with " + option);
-  std::vector<std::string> names;
-  std::string all;
-  for (const QualityRow& row : report.rows) {
-    names.push_back(row.name);
-    all += (all.empty() ? "" : ", ") + row.name;
-  }
-  const std::string near = nearest_names(gate.name, names);
-  throw CLI::ValidationError("--fail-on " + gate.text + ": there is no measure \"" + gate.name + "\"; " +
-                             (near.empty() ? "there are " + all : "did you mean " + near + "?"));
+  throw CLI::ValidationError("--fail-on " + gate.text + ": " + report.unknown(gate.name));
 }
 
 nlohmann::ordered_json report_json(const QualityReport& report) {

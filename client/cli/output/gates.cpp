@@ -7,91 +7,20 @@
 
 #include "client/cli/output/format.h"
 #include "client/cli/setup/reading.h"
+#include "client/design_measures.h"
 #include "core/base/error.h"
 
 namespace deform::cli {
 
 namespace {
 
-using Measured = std::optional<double>;
-
 constexpr char missed_alone[] = "missed";
 constexpr char newly_intersecting[] = "newly_intersecting_faces";
 
-Measured missed(const v1::DesignResult& result) {
-  const auto& constraints = result.constraints();
-  const auto count = std::count_if(constraints.residuals().begin(), constraints.residuals().end(),
-                                   [](const v1::ConstraintResidual& residual) { return residual.missed(); });
-  return std::max(static_cast<double>(count), constraints.exact_given_up() ? 1.0 : 0.0);
-}
-
-/// A split ends where nothing is inverted, be it short of the whole motion; its cells are reported for one full step.
-Measured inverted_cells(const v1::DesignResult& result) {
-  if (result.has_split()) return 0;
-  return result.has_cells() ? Measured(static_cast<double>(result.cells().inverted())) : std::nullopt;
-}
-
-Measured safe_amplitude(const v1::DesignResult& result) {
-  if (result.has_split()) return result.split().inversion_free() ? 1 : result.split().reached();
-  return result.has_cells() ? Measured(result.cells().safe_amplitude()) : std::nullopt;
-}
-
-Measured least_determinant(const v1::DesignResult& result) {
-  if (result.has_split()) return result.split().least_determinant();
-  return result.has_cells() ? Measured(result.cells().least_determinant()) : std::nullopt;
-}
-
-Measured displacement_ratio(const v1::DesignResult& result) {
-  if (result.prescribed_displacement() > 0) return result.max_displacement() / result.prescribed_displacement();
-  return result.max_displacement() > 0 ? std::nullopt : Measured(1);
-}
-
-struct Measure {
-  const char* name;
-  Measured (*of)(const v1::DesignResult& result);
-};
-
-constexpr Measure measures[] = {
-    {"flipped_faces",
-     [](const v1::DesignResult& result) {
-       return result.has_faces() ? Measured(static_cast<double>(result.faces().flipped())) : std::nullopt;
-     }},
-    {newly_intersecting,
-     [](const v1::DesignResult& result) {
-       return result.faces().has_intersecting() ? Measured(static_cast<double>(result.faces().intersecting())) : std::nullopt;
-     }},
-    {"inverted_cells", inverted_cells},
-    {"inverted_at_rest",
-     [](const v1::DesignResult& result) {
-       return result.has_cells() ? Measured(static_cast<double>(result.cells().inverted_at_rest())) : std::nullopt;
-     }},
-    {"safe_amplitude", safe_amplitude},
-    {"least_determinant", least_determinant},
-    {"max_displacement", [](const v1::DesignResult& result) { return Measured(result.max_displacement()); }},
-    {"prescribed_displacement", [](const v1::DesignResult& result) { return Measured(result.prescribed_displacement()); }},
-    {"displacement_ratio", displacement_ratio},
-    {"interpolation_residual", [](const v1::DesignResult& result) { return Measured(result.interpolation_residual()); }},
-    {"estimated_error", [](const v1::DesignResult& result) { return Measured(result.estimated_error()); }},
-    {"relative_error", [](const v1::DesignResult& result) { return Measured(result.relative_error()); }},
-    {"max_error", [](const v1::DesignResult& result) { return Measured(result.max_error()); }},
-    {"missed", missed},
-};
-
 std::string all_names() {
   std::string all;
-  for (const Measure& measure : measures) all += std::string(all.empty() ? "" : ", ") + measure.name;
+  for (const std::string& name : design_measures()) all += (all.empty() ? "" : ", ") + name;
   return all;
-}
-
-const Measure& find_measure(const std::string& name, const std::string& where) {
-  for (const Measure& measure : measures) {
-    if (name == measure.name) return measure;
-  }
-  std::vector<std::string> names;
-  for (const Measure& measure : measures) names.emplace_back(measure.name);
-  const std::string near = nearest_names(name, names);
-  refuse(where + "there is no measure \"" + name + "\" of designs; " + (near.empty() ? "" : "did you mean " + near + "? ") +
-         "there are " + all_names());
 }
 
 }  // namespace
@@ -129,7 +58,13 @@ void DesignGates::add_to(CLI::App& command) {
   add_gate_option(
       command, gates_,
       "Exit code 4 when NAME>NUMBER or NAME<NUMBER holds for a design, or missed alone; may be repeated. Names: " + all_names(),
-      [](const Gate& gate) { find_measure(gate.name, "--fail-on " + gate.text + ": "); });
+      [](const Gate& gate) {
+        try {
+          client::find_design_measure(gate.name);
+        } catch (const Error& error) {
+          refuse("--fail-on " + gate.text + ": " + error.what());
+        }
+      });
 }
 
 bool DesignGates::need_intersections() const {
@@ -147,12 +82,12 @@ std::vector<FailedGate> DesignGates::failed(const v1::DesignResult& result) cons
 
 std::vector<std::string> design_measures() {
   std::vector<std::string> names;
-  for (const Measure& measure : measures) names.emplace_back(measure.name);
+  for (const client::DesignMeasure& measure : client::design_measures()) names.emplace_back(measure.name);
   return names;
 }
 
 std::optional<double> design_measure(const std::string& name, const v1::DesignResult& result) {
-  return find_measure(name, "").of(result);
+  return client::find_design_measure(name).of(result);
 }
 
 namespace {

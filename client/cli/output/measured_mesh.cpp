@@ -2,7 +2,6 @@
 #include "client/cli/output/measured_mesh.h"
 
 #include <algorithm>
-#include <span>
 #include <utility>
 
 #include "client/cli/setup/control_lattice.h"
@@ -12,38 +11,17 @@
 #include "core/base/number_text.h"
 #include "core/quality/face_intersections.h"
 #include "core/quality/flipped_faces.h"
-#include "core/quality/safe_amplitude.h"
 
 namespace deform::cli {
 
 namespace {
 
-/// The faces of groups, each once.
-std::vector<FaceId> faces_of(const MeasuredMesh& measured, const std::vector<std::string>& names) {
-  std::vector<FaceId> faces;
-  for (const std::string& name : names) {
-    const Group* group = measured.mesh().find_group(name);
-    if (group == nullptr) {
-      std::vector<std::string> known;
-      for (const Group& g : measured.mesh().groups) {
-        if (!g.faces.empty()) known.push_back(g.name);
-      }
-      const std::string near = nearest_names(name, known);
-      std::string all;
-      for (const auto& k : known) all += (all.empty() ? "" : ", ") + k;
-      const std::string hint = !near.empty()   ? "did you mean " + near + "?"
-                               : known.empty() ? "it has no groups"
-                                               : "it has " + all;
-      throw Error(ErrorCode::invalid_argument, "--wall " + name + ": " + measured.path + " has no such group; " + hint);
-    }
-    if (group->faces.empty()) {
-      throw Error(ErrorCode::invalid_argument, "--wall " + name + ": this group of " + measured.path + " has no boundary faces");
-    }
-    faces.insert(faces.end(), group->faces.begin(), group->faces.end());
+std::vector<FaceId> faces_of(const MeasuredMesh& measured, const std::vector<std::string>& walls) {
+  try {
+    return wall_faces(measured.mesh(), walls);
+  } catch (const Error& error) {
+    throw Error(error.code(), measured.path + ": --wall " + error.what());
   }
-  std::sort(faces.begin(), faces.end());
-  faces.erase(std::unique(faces.begin(), faces.end()), faces.end());
-  return faces;
 }
 
 void add_walls(MeasuredMesh& measured, const std::vector<std::string>& walls) {
@@ -98,11 +76,6 @@ bool same_connectivity(const Mesh& x, const Mesh& y) {
                       x.cells->neighbour == y.cells->neighbour);
 }
 
-std::vector<char> left_handed_in(const Mesh& mesh, std::span<const Vec3> points) {
-  const std::optional<CellSet> cells = cell_set(mesh);
-  return cells ? left_handed_cells(points, *cells) : std::vector<char>{};
-}
-
 std::size_t cells_in(const MeasuredMesh& measured) {
   return measured.plane ? measured.plane->elements : measured.mesh().cell_count();
 }
@@ -132,29 +105,15 @@ MeasuredMesh::MeasuredMesh(const std::string& file_path, const io::ReadOptions& 
 MeasuredMesh measured_mesh(const std::string& path, const std::vector<std::string>& walls, const io::ReadOptions& reading,
                            const Mesh* rest) {
   MeasuredMesh result(path, reading);
-  const auto& points = result.mesh().points;
   const bool same = rest != nullptr && same_connectivity(result.mesh(), *rest);
-  const std::vector<char> left_handed = left_handed_in(result.mesh(), same ? rest->points : points);
-  if (const auto cells = result.file->cells()) {
-    PolyhedralLimits limits;
-    limits.left_handed = left_handed;
-    result.cells = polyhedral_quality(points, *cells, limits);
-    result.report = quality_report(*result.cells, points, *cells);
-  } else if (const auto elements = result.file->elements()) {
-    result.elements = element_quality(points, *elements, left_handed);
-    result.report = quality_report(*result.elements, points, *elements);
-  } else {
-    if (result.mesh().face_count() == 0) {
-      throw Error(ErrorCode::invalid_argument, path + ": it has no faces and no cells, only points");
-    }
-    result.surface = surface_quality(result.mesh());
-    result.report = quality_report(*result.surface, result.mesh());
-    const IntersectionCheck intersections(result.mesh(), same ? rest->points : points);
-    add_intersecting(result.report, result.mesh(), intersections.at(points));
-    if (cell_set(result.mesh())) {
-      result.plane = plane_quality(points, result.mesh(), left_handed);
-      add_to(result.report, *result.plane, points, result.mesh());
-    }
+  if (result.mesh().face_count() == 0 && result.mesh().cell_count() == 0) {
+    throw Error(ErrorCode::invalid_argument, path + ": it has no faces and no cells, only points");
+  }
+  static_cast<MeshQuality&>(result) =
+      mesh_quality(result.mesh(), left_handed_of(result.mesh(), same ? rest->points : result.mesh().points));
+  if (result.surface) {
+    const IntersectionCheck intersections(result.mesh(), same ? rest->points : result.mesh().points);
+    add_intersecting(result.report, result.mesh(), intersections.at(result.mesh().points));
   }
   add_walls(result, walls);
   return result;

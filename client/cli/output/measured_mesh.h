@@ -7,20 +7,15 @@
 #include <vector>
 
 #include "core/io/mesh_file.h"
-#include "core/quality/report.h"
+#include "core/quality/mesh_quality.h"
 
 namespace deform::cli {
 
-/// A mesh and all that was measured of it; exactly one of the optional ones is there.
-struct MeasuredMesh {
+/// A mesh and all that was measured of it.
+struct MeasuredMesh : MeshQuality {
   std::string path;
   std::unique_ptr<io::MeshFile> file;
-  std::optional<SurfaceQuality> surface;
-  std::optional<ElementQuality> elements;
-  std::optional<PolyhedralQuality> cells;
-  std::optional<PlaneQuality> plane;  ///< beside `surface`, of triangles and quads in a plane z = constant
-  std::vector<FaceId> wall_faces;     ///< ascending
-  QualityReport report;
+  std::vector<FaceId> wall_faces;  ///< ascending
 
   const Mesh& mesh() const { return *mesh_; }
   MeasuredMesh(const std::string& file_path, const io::ReadOptions& reading);

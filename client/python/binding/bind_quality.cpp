@@ -12,12 +12,18 @@
 #include <utility>
 #include <vector>
 
+#include "client/design_measures.h"
 #include "client/python/binding/arrays.h"
 #include "client/python/binding/bind_mesh.h"
+#include "client/python/binding/calls.h"
+#include "client/python/binding/record.h"
 #include "core/base/error.h"
 #include "core/base/run_context.h"
 #include "core/mesh/mesh.h"
 #include "core/quality/flipped_faces.h"
+#include "core/quality/mesh_quality.h"
+#include "core/quality/report.h"
+#include "core/quality/safe_amplitude.h"
 
 namespace deform::python {
 
@@ -66,6 +72,73 @@ class FaceCheck {
   FlipCheck flips_;  ///< refers to the mesh
 };
 
+/// A mesh with what is prepared to find its inverted cells. Immutable; any thread.
+class CellCheck {
+ public:
+  /// Throws Error(invalid_argument) for a mesh without cells.
+  explicit CellCheck(std::shared_ptr<const Mesh> mesh) : mesh_(std::move(mesh)), check_(mesh_->points, cells_of(*mesh_)) {}
+
+  std::size_t points() const { return mesh_->point_count(); }
+  std::size_t cells() const { return check_.cell_count(); }
+  std::size_t inverted(std::span<const Vec3> points, const RunContext& context) const {
+    return check_.inverted(points, context).count;
+  }
+
+ private:
+  static CellSet cells_of(const Mesh& mesh) {
+    const std::optional<CellSet> cells = cell_set(mesh);
+    if (!cells) throw Error(ErrorCode::invalid_argument, "mesh: it has no cells");
+    return *cells;
+  }
+
+  std::shared_ptr<const Mesh> mesh_;
+  InversionCheck check_;  ///< refers to the mesh
+};
+
+RunContext context_of(const client::CallOptions& call, int threads) {
+  RunContext context;
+  context.stop = call.stop;
+  context.threads = threads;
+  return context;
+}
+
+std::shared_ptr<QualityCheck> quality_check(const MeshSource& source, const std::vector<std::string>& walls) {
+  return run_call({}, [&](const client::CallOptions& call) {
+    return std::make_shared<QualityCheck>(source.mesh, walls, context_of(call, 0));
+  });
+}
+
+/// In the order of `wanted`.
+std::vector<double> values_of(const QualityCheck& check, const Doubles& points, const std::vector<std::string>& wanted,
+                              int threads) {
+  const auto view = points_view(points, "points");
+  return run_call({}, [&](const client::CallOptions& call) { return check.values(view, wanted, context_of(call, threads)); });
+}
+
+/// (name, label, value, id or None, whether tables for people have it) of each row.
+py::list rows_of(const QualityCheck& check, const Doubles& points, int threads) {
+  const auto view = points_view(points, "points");
+  const QualityReport report =
+      run_call({}, [&](const client::CallOptions& call) { return check.report(view, context_of(call, threads)); });
+  py::list rows;
+  for (const QualityRow& row : report.rows) rows.append(py::make_tuple(row.name, row.label, row.value, row.id, row.in_table));
+  return rows;
+}
+
+/// (name, whether it counts) of everything that gates and studies may name.
+template <typename Names>
+std::vector<std::pair<std::string, bool>> name_pairs(const Names& names) {
+  std::vector<std::pair<std::string, bool>> pairs;
+  for (const auto& each : names) pairs.emplace_back(each.name, each.counts);
+  return pairs;
+}
+
+std::optional<double> design_measure(const std::string& name, const Record& record) {
+  const auto* result = dynamic_cast<const v1::DesignResult*>(&record.message());
+  if (result == nullptr) throw Error(ErrorCode::invalid_argument, "report: expected that on a design");
+  return client::find_design_measure(name).of(*result);
+}
+
 template <typename T>
 std::vector<std::optional<std::size_t>> flipped(const FaceCheck& check, const py::array_t<T, py::array::c_style>& points,
                                                 int threads) {
@@ -87,6 +160,31 @@ void bind_quality(py::module_& module) {
       .def_property_readonly("faces", &FaceCheck::faces)
       .def("flipped", &flipped<float>, py::arg("points").noconvert(), py::arg("threads"))
       .def("flipped", &flipped<double>, py::arg("points").noconvert(), py::arg("threads"));
+  py::class_<CellCheck, std::shared_ptr<CellCheck>>(module, "CellCheck")
+      .def(py::init([](const MeshSource& source) {
+             const py::gil_scoped_release release;
+             return std::make_shared<CellCheck>(source.mesh);
+           }),
+           py::arg("mesh"))
+      .def_property_readonly("points", &CellCheck::points)
+      .def_property_readonly("cells", &CellCheck::cells)
+      .def(
+          "inverted",
+          [](const CellCheck& self, const Doubles& points, int threads) {
+            const auto view = points_view(points, "points");
+            return run_call({}, [&](const client::CallOptions& call) { return self.inverted(view, context_of(call, threads)); });
+          },
+          py::arg("points"), py::arg("threads"));
+  py::class_<QualityCheck, std::shared_ptr<QualityCheck>>(module, "QualityCheck")
+      .def(py::init(&quality_check), py::arg("mesh"), py::arg("walls"))
+      .def_property_readonly("points", &QualityCheck::point_count)
+      .def_property_readonly("names", [](const QualityCheck& self) { return name_pairs(self.names()); })
+      .def("check", &QualityCheck::check, py::arg("name"))
+      .def("values", &values_of, py::arg("points"), py::arg("names"), py::arg("threads"))
+      .def("rows", &rows_of, py::arg("points"), py::arg("threads"));
+  module.def("quality_names", [] { return name_pairs(quality_names()); });
+  module.def("design_measures", [] { return name_pairs(client::design_measures()); });
+  module.def("design_measure", &design_measure, py::arg("name"), py::arg("report"));
 }
 
 }  // namespace deform::python

@@ -20,8 +20,9 @@ from .compiled import CompiledDeformation, load
 from .designs import Variable
 from .errors import (AlreadyExists, BadDesign, BadDesignWarning, Cancelled, DataLoss, DeadlineExceeded, Error, FailedPrecondition,
                      Internal, InvalidArgument, NotFound, NumericalFailure, OutOfBudget, PermissionDenied, Unauthenticated, Unavailable)
-from .faces import FaceCheck
+from .faces import CellCheck, FaceCheck
 from .geometry import Geometry
+from .quality import Quality, QualityConstraints
 from .reports import CompiledReport, Deformation, Evaluation, Population, Report
 from .system import System
 
@@ -29,7 +30,7 @@ from . import aio, measures
 
 __version__: str = _deformd.version
 
-__all__ = ["AlreadyExists", "BadDesign", "BadDesignWarning", "Cancel", "Cancelled", "Client", "CompiledDeformation", "CompiledReport",
+__all__ = ["AlreadyExists", "BadDesign", "BadDesignWarning", "Cancel", "Cancelled", "CellCheck", "Client", "CompiledDeformation", "CompiledReport",
            "DataLoss", "DeadlineExceeded", "Deformation", "Error", "Evaluation", "FaceCheck", "FailedPrecondition", "Geometry", "Internal", "InvalidArgument",
-           "NotFound", "NumericalFailure", "OutOfBudget", "PermissionDenied", "Population", "Record", "Report", "System", "Unauthenticated",
+           "NotFound", "NumericalFailure", "OutOfBudget", "PermissionDenied", "Population", "Quality", "QualityConstraints", "Record", "Report", "System", "Unauthenticated",
            "Unavailable", "Variable", "aio", "load", "measures"]

@@ -118,7 +118,7 @@ class CompiledDeformation(DesignSpace):
         """Points and report of a design, or points and reports of many; never raises for a single bad design.
 
         A design that cannot be evaluated has NaN for points and `report.error`, an InvalidArgument that names variable and bounds. The
-        reports are `CompiledReport`s. faces: looks for flipped faces, `report.flipped_faces`; nobody looks at cells. Raises
+        reports are `CompiledReport`s. faces: looks for flipped faces, `report.flipped_faces`; a `CellCheck` looks at cells. Raises
         InvalidArgument where its mesh has another number of points.
         """
         designs, single = self._designs(x)

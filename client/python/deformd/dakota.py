@@ -17,9 +17,10 @@ from . import _deformd
 from .client import Client
 from .compiled import load
 from .errors import Error, InvalidArgument
+from .quality import NAMES, check_name
 from .study.journal import write_whole
 from .study.measures import checked_measure
-from .study.worker import evaluate
+from .study.worker import check_quality, evaluate
 
 _APREPRO = re.compile(r"^\s*\{\s*(\S+)\s*=\s*\"?([^\"\s}]+)\"?\s*\}")
 _COUNTS = {"DAKOTA_VARS": "variables", "DAKOTA_FNS": "functions", "DAKOTA_DER_VARS": "derivative_variables", "DAKOTA_AN_COMPS": "analysis_components",
@@ -82,6 +83,9 @@ def results_of(parameters: Parameters, names: List[str], task: Dict[str, Any]) -
         raise InvalidArgument("responses: there are no Hessians; use no_hessians, quasi_hessians or numerical_hessians")
     x = [parameters.variables.get(name, 0.0) for name in names]
     wanted = [name for name, active in parameters.functions.items() if active & 2]
+    counts = [name for name in wanted if name in task["evaluate"].get("quality", ()) and NAMES[name]]
+    if counts:
+        raise InvalidArgument(f"responses: {counts[0]} is a number of faces, cells or the like, which has no gradient; use no_gradients")
     record = evaluate({**task, "number": 0, "x": x, "gradients": wanted})
     if record["verdict"] in ("bad", "failed"):
         print("; ".join(record["reasons"]), file=sys.stderr)
@@ -103,12 +107,14 @@ def main(words: Optional[List[str]] = None) -> int:
     parser.add_argument("--server", help="HOST:PORT; DEFORM_SERVER unless given")
     parser.add_argument("--function", help="module:function, as studies have it")
     parser.add_argument("--measure", action="append", default=[], metavar="RESPONSE=MEASURE", help="volume, area, projected_area:x, centre_of_gravity:x or thickness, or with options as in a study: '{thickness: {method: spheres}}'; more than once")
+    parser.add_argument("--quality", action="append", default=[], metavar="NAME", help="a response with the name and value of a measure of `deform quality` or --fail-on, such as scaled_jacobian; more than once")
+    parser.add_argument("--wall", action="append", default=[], metavar="GROUP", help="group of boundary faces for wall_height and the like; more than once")
     parser.add_argument("params")
     parser.add_argument("results")
     arguments = parser.parse_args(words)
     try:
-        if bool(arguments.function) == bool(arguments.measure):
-            raise InvalidArgument("--function, --measure: one of the two")
+        if bool(arguments.function) == bool(arguments.measure) and (arguments.function or not arguments.quality):
+            raise InvalidArgument("--function, --measure: one of the two, or --quality alone")
         if arguments.function and arguments.function.count(":") != 1:
             raise InvalidArgument(f'--function: {arguments.function!r}, expected "module:function"')
         sets = read_parameters(pathlib.Path(arguments.params).read_text())
@@ -142,18 +148,23 @@ def _measure_of(text: str, measure: str) -> Tuple[str, Any]:
 
 
 def _task(arguments: Any, folder: str) -> Any:
-    how: Dict[str, Any] = {"function": arguments.function} if arguments.function else {"measures": {}}
+    how: Dict[str, Any] = {"function": arguments.function} if arguments.function else {"measures": {}} if arguments.measure else {}
+    if arguments.quality:
+        how["quality"] = [check_name("--quality", name) for name in arguments.quality]
+        how["walls"] = arguments.wall
     for text in arguments.measure:
         name, _, measure = text.partition("=")
         kind, options = _measure_of(text, measure)
         how["measures"][name] = checked_measure(f"--measure: {name}", kind, options, pathlib.Path.cwd())
     task = {"evaluate": how, "folder": folder, "write": None, "server": None, "system": None, "compiled": None, "mesh": arguments.mesh}
+    if not arguments.setup.endswith(".deformation"):
+        task["mesh"] = arguments.mesh or str(_deformd.Setup.read(arguments.setup, False).geometry_file or "") or None
+    check_quality(task, by_server=not arguments.setup.endswith(".deformation"))
     if arguments.setup.endswith(".deformation"):
         names = load(arguments.setup).names
         return {**task, "compiled": arguments.setup, "names": names}, names
     with Client(arguments.server) as client:
         system = client.prepare(arguments.setup, arguments.mesh)
-    task["mesh"] = arguments.mesh or str(_deformd.Setup.read(arguments.setup, False).geometry_file or "") or None
     return {**task, "server": client.address, "system": system.id, "names": system.names}, system.names
 
 

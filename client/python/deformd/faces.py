@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Flipped faces of designs that were deformed without a server."""
+"""Flipped faces and inverted cells of designs that were deformed without a server."""
 
 import os
 from typing import Any, List, Optional
@@ -45,6 +45,38 @@ class FaceCheck:
 
     def __repr__(self) -> str:
         return f"<FaceCheck: {self.points} points, {self.faces} faces>"
+
+
+class CellCheck:
+    """Finds the cells of a volume mesh, or of a mesh of triangles and quads in a plane z = constant, that a design turned inside out, as the server counts
+    them (`report.cells.inverted`). Those that are inverted at rest are left out. There is no safe amplitude: only the design itself is looked at.
+
+    mesh: a path, a Geometry that this client registered, or what `Client.register` takes; its points are those at rest. Raises
+    InvalidArgument where it has no cells. Immutable; any thread may use it, and calls give the GIL back.
+    """
+
+    def __init__(self, mesh: Any) -> None:
+        self._native = _deformd.CellCheck(_mesh(mesh))
+
+    @property
+    def points(self) -> int:
+        """Of the mesh."""
+        return self._native.points
+
+    @property
+    def cells(self) -> int:
+        """Of the mesh."""
+        return self._native.cells
+
+    def inverted(self, points: Any, *, threads: int = 1) -> int:
+        """The number of inverted cells of a design: points (n, 3). Raises InvalidArgument for points that are not finite, and of a mesh in a plane
+        for points that left it."""
+        from .compiled import _thread_count
+
+        return self._native.inverted(np.asarray(points, dtype=np.float64), _thread_count(threads))
+
+    def __repr__(self) -> str:
+        return f"<CellCheck: {self.points} points, {self.cells} cells>"
 
 
 def _mesh(mesh: Any) -> "_deformd.Mesh":

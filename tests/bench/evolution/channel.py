@@ -174,6 +174,7 @@ evaluate: {{command: "python3 -I -S fitness.py {{points}} {{result}}", template:
 minimize: fitness
 optimizer: {{cma: {{sigma: 0.1, popsize: 15, CMA_mu: 2, CMA_active: false}}}}
 budget: {15 * generations}
+deformation: compiled
 place: {{threads: 15}}
 """)
     return path

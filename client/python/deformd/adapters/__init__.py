@@ -8,6 +8,7 @@ import numpy as np
 
 from ..errors import Error, InvalidArgument
 from ..penalty import Penalty
+from ..quality import NAMES, QualityConstraints
 from ..reports import Report
 from ..system import System
 
@@ -116,6 +117,42 @@ class ScipyObjective:
             self._sloped.usable(design, self._known[1], gradient)
         return gradient * self._span
 
+    def constraint(self, constraints: QualityConstraints) -> Any:
+        """Limits of quality as a scipy.optimize.NonlinearConstraint on x, of one value per limit: what is beyond the limit in parts of it, at most 0.
+
+            minimize(f, x0, jac=f.gradient, bounds=f.bounds, method="SLSQP", constraints=[f.constraint(limits)])
+            differential_evolution(f, f.bounds, vectorized=True, updating="deferred", constraints=(f.constraint(limits),))
+
+        Gradients are differences of two designs per variable, which are deformed and measured but for which the objective is not called, and 0 of
+        counts: only methods without gradients hold those. A design that must not be used is beyond all limits by 1e10. Value, objective and
+        constraint of one x are one request.
+        """
+        from scipy.optimize import NonlinearConstraint
+
+        smooth = [not NAMES[name] for name, _, _ in constraints.limits]
+        held = QualityConstraints(constraints.quality, {})
+        held.limits = tuple(each for each, has_slope in zip(constraints.limits, smooth) if has_slope)
+        held.names = list(dict.fromkeys(name for name, _, _ in held.limits))
+
+        def beyond(points: np.ndarray, report: Report) -> np.ndarray:
+            if report.bad:
+                return np.full(len(constraints.limits), 1e10)
+            return beyond_limits(constraints, points, report)
+
+        def value(x: np.ndarray) -> np.ndarray:
+            if np.ndim(x) <= 1:
+                return beyond(*self._at(x)[1:])
+            population = self.system.deform(np.ascontiguousarray(self.variables(np.asarray(x).T)), **self._options)
+            return np.array([beyond(*each) for each in zip(population.points, population.reports)]).T
+
+        def jacobian(x: np.ndarray) -> np.ndarray:
+            slopes = np.zeros((len(constraints.limits), np.size(x)))
+            if any(smooth):
+                slopes[np.flatnonzero(smooth)] = held.gradients(self.system, np.atleast_1d(self.variables(x))) * self._span
+            return slopes
+
+        return NonlinearConstraint(value, -np.inf, 0.0, jac=jacobian)
+
     def _knows_no_value(self, design: np.ndarray) -> bool:
         return self._no_value is not None and np.array_equal(self._no_value, design)
 
@@ -154,12 +191,21 @@ class ScipyObjective:
             raise Unusable(f"{self.unusable} of {self.evaluated} designs cannot be used" + (f", the last one: {last}" if last else ""))
 
 
-def pymoo_problem(system: System, objectives: Callable[[np.ndarray, Report], Any], count: int = 1, *, penalty: float = 1e30, **options: Any) -> Any:
+def beyond_limits(constraints: Optional[QualityConstraints], points: np.ndarray, report: Report) -> np.ndarray:
+    """The violations of a design, finite: 1e10 of what cannot be measured; 0 where its verdict is bad, which is what makes it rank last."""
+    if constraints is None or report.bad:
+        return np.zeros(0 if constraints is None else len(constraints.limits))
+    return np.nan_to_num(constraints.violations(points, report), nan=1e10, posinf=1e10, neginf=-1e10)
+
+
+def pymoo_problem(system: System, objectives: Callable[[np.ndarray, Report], Any], count: int = 1, *, penalty: float = 1e30,
+                  constraints: Optional[QualityConstraints] = None, **options: Any) -> Any:
     """A pymoo Problem whose generations are evaluated in batches.
 
     objectives(points (n, 3), report): `count` values of one design, to be minimized. Whether a design may be used is an inequality constraint,
     so that pymoo ranks the others behind all that may: 1 where its verdict is bad, it cannot be evaluated, or an objective has no finite value
-    (its objectives are the penalty), else -1. Needs pymoo.
+    (its objectives are the penalty), else -1. constraints: limits of quality, each one inequality constraint more, in parts of the limit; objectives
+    are not called for designs outside of them. Needs pymoo.
     """
     try:
         from pymoo.core.problem import Problem
@@ -170,17 +216,22 @@ def pymoo_problem(system: System, objectives: Callable[[np.ndarray, Report], Any
     if not np.isfinite(system.bounds).all():
         raise InvalidArgument("variables: pymoo needs finite bounds of all of them")
 
+    limits = () if constraints is None else constraints.limits
+
     class DeformProblem(Problem):  # type: ignore[misc]
         def __init__(self) -> None:
-            super().__init__(n_var=len(lower), n_obj=count, n_ieq_constr=1, xl=lower, xu=upper)
+            super().__init__(n_var=len(lower), n_obj=count, n_ieq_constr=1 + len(limits), xl=lower, xu=upper)
 
         def _evaluate(self, x: np.ndarray, out: Any, *_: Any, **__: Any) -> None:
             population = system.deform(x, **options)
-            values = [np.full(count, penalty) if report.bad else np.reshape(objectives(points, report), count)
-                      for points, report in zip(population.points, population.reports)]
+            beyond = np.array([beyond_limits(constraints, points, report) for points, report in zip(population.points, population.reports)])
+            beyond = beyond.reshape(len(x), len(limits))
+            skipped = (beyond > 0).any(axis=1)
+            values = [np.full(count, penalty) if report.bad or skip else np.reshape(objectives(points, report), count)
+                      for points, report, skip in zip(population.points, population.reports, skipped)]
             found = np.array(values, dtype=np.float64).reshape(-1, count)
             finite = np.isfinite(found).all(axis=1)
             out["F"] = np.where(finite[:, None], found, penalty)
-            out["G"] = np.where(population.usable & finite, -1.0, 1.0)[:, None]
+            out["G"] = np.column_stack([np.where(population.usable & finite, -1.0, 1.0), beyond])
 
     return DeformProblem()

@@ -16,21 +16,19 @@ from .. import _deformd
 from ..client import Client
 from ..compiled import load
 from ..errors import DataLoss, Error, InvalidArgument
+from ..quality import violation
 from . import optimizers, results
 from .journal import Journal
 from .libraries import needing_libraries
 from .places import open_place
 from .sampling import sample
-from .spec import Spec, read_spec
-from .worker import Task, evaluate, kept_result
+from .spec import TOLERANCE, Spec, name_advice, read_spec
+from .worker import Task, check_quality, evaluate, kept_result
 
 FAILED = 1e60
 """What optimizers of one objective see for a design that failed or is bad; ranks after all others."""
 INFEASIBLE = 1e30
 """What they see for one outside of the constraints: this, times 1 plus the sum of the violations."""
-
-TOLERANCE = 1e-6
-"""Of constraints, in parts of their limits: optimizers with gradients end on them."""
 
 
 class StudyStopped(Error):
@@ -97,8 +95,10 @@ class Study:
         return self.objective(record, objective)
 
     def objective(self, record: Dict[str, Any], number: int = 0) -> float:
-        """The objective alone, with the sign of a minimization."""
+        """The objective alone, with the sign of a minimization; FAILED where it was not evaluated."""
         name, sign = self.spec.objectives[number]
+        if name not in record["values"] and not_evaluated(record):
+            return FAILED
         return sign * _named(record, name)
 
     def violations(self, record: Dict[str, Any]) -> List[float]:
@@ -148,7 +148,8 @@ class Study:
             if self._best is None:
                 self._best = min(self.value(each) for each in self._journal.records.values())
             self._best = min(self._best, value)
-            line += f"  {name} {_named(record, name):.6g}" + ("" if value < INFEASIBLE else " (outside of the constraints)")
+            line += f"  {name} {_named(record, name):.6g}" if name in record["values"] or not not_evaluated(record) else "  not evaluated"
+            line += "" if value < INFEASIBLE else " (outside of the constraints)"
             line += f"  best {sign * self._best:.6g}" if self._best < INFEASIBLE else ""
         self._say(f"{line}  {time.monotonic() - self._began:.0f} s")
 
@@ -158,15 +159,21 @@ def failed(record: Dict[str, Any]) -> bool:
     return record["verdict"] in ("bad", "failed")
 
 
+def not_evaluated(record: Dict[str, Any]) -> bool:
+    """Its quality is outside of the constraints, so that only that was measured (Task: skip)."""
+    return bool(record.get("not_evaluated", False))
+
+
 def violations(spec: Spec, record: Dict[str, Any]) -> List[float]:
-    """As Study.violations has them."""
-    return [(value - limit if side == "max" else limit - value) / (abs(limit) or 1.0)
-            for name, side, limit in spec.constraints for value in [_named(record, name)]]
+    """As Study.violations has them; 0 of what was not evaluated."""
+    return [0.0 if not_evaluated(record) and name not in record["values"] else violation(_named(record, name), side, limit)
+            for name, side, limit in spec.constraints]
 
 
 def _named(record: Dict[str, Any], name: str) -> float:
     if name not in record["values"]:
-        raise InvalidArgument(f'"{name}": design {record["number"]} has no such value, only {", ".join(record["values"]) or "none"}')
+        raise InvalidArgument(f'"{name}": design {record["number"]} has no such value, only {", ".join(record["values"]) or "none"}'
+                              f'{name_advice(name, record["values"])}')
     return float(record["values"][name])
 
 
@@ -229,7 +236,8 @@ _OUTSIDE = "no design is within the constraints"
 def _outcome(spec: Spec, records: List[Dict[str, Any]]) -> List[str]:
     """What a search found, where that is not what it was for."""
     best = results.best_of(spec, records)
-    measured = [each for each in records if not failed(each) and all(name in each["values"] for name, _, _ in spec.constraints)]
+    measured = [each for each in records
+                if not failed(each) and (not_evaluated(each) or all(name in each["values"] for name, _, _ in spec.constraints))]
     if best is not None:
         searched = spec.optimizer is not None and spec.optimizer[0] in ("scipy", "nlopt")  # populations do not begin at the start itself
         if searched and best is records[0] and len(records) > 1:
@@ -245,20 +253,29 @@ def _outcome(spec: Spec, records: List[Dict[str, Any]]) -> List[str]:
 
 def _shares(records: List[Dict[str, Any]]) -> str:
     """What of the workers' time deformation took."""
-    deforming, evaluating = (sum(each.get(f"seconds_{what}", 0.0) for each in records) for what in ("deforming", "evaluating"))
-    whole = deforming + evaluating
-    return f"{len(records)} designs: {deforming:.3g} s of deforming, {evaluating:.3g} s of evaluating ({100 * deforming / whole if whole else 0:.3g} % is deforming)"
+    seconds = {what: sum(each.get(f"seconds_{what}", 0.0) for each in records) for what in ("deforming", "quality", "evaluating")}
+    whole = sum(seconds.values())
+
+    def share(what: str) -> str:
+        return f"{100 * seconds[what] / whole if whole else 0:.3g} %"
+
+    if not any("seconds_quality" in each for each in records):
+        return f"{len(records)} designs: {seconds['deforming']:.3g} s of deforming, {seconds['evaluating']:.3g} s of evaluating ({share('deforming')} is deforming)"
+    return (f"{len(records)} designs: {seconds['deforming']:.3g} s of deforming, {seconds['quality']:.3g} s of measuring quality, "
+            f"{seconds['evaluating']:.3g} s of evaluating ({share('deforming')} is deforming, {share('quality')} quality)")
 
 
 def _task(spec: Spec) -> Tuple[Task, Tuple[str, ...], np.ndarray]:
     study = hashlib.sha256(json.dumps(spec.identity, sort_keys=True).encode()).hexdigest()
     task: Task = {"study": study, "evaluate": spec.evaluate, "folder": str(spec.folder), "write": spec.meshes, "gradients": optimizers.gradients_of(spec),
-                  "server": spec.server, "system": None, "compiled": None, "mesh": str(spec.mesh) if spec.mesh else None}
+                  "server": spec.server, "system": None, "compiled": None, "mesh": str(spec.mesh) if spec.mesh else None, "skip": optimizers.skipping(spec)}
     if spec.setup.suffix == ".deformation":
+        check_quality(task, by_server=False)
         fast = load(spec.setup)
         return {**task, "compiled": str(spec.setup), "names": fast.names}, fast.names, fast.bounds
     if task["mesh"] is None:
         task["mesh"] = str(_deformd.Setup.read(str(spec.setup), False).geometry_file or "") or None
+    check_quality(task, by_server=spec.deformation == "server")
     with Client(spec.server) as client:
         system = client.prepare(spec.setup, None if spec.mesh is None else spec.mesh)
         task.update(server=client.address, system=system.id, names=system.names)

@@ -7,6 +7,7 @@ import numpy as np
 
 from ..errors import InvalidArgument
 from ..penalty import Penalty
+from ..quality import NAMES
 from .spec import Spec
 
 if TYPE_CHECKING:
@@ -20,14 +21,26 @@ FIRST_STEP = 0.25
 
 
 def gradients_of(spec: Spec) -> List[str]:
-    """The values whose gradients the optimizer of a study takes."""
+    """The values whose gradients the optimizer of a study takes. Raises InvalidArgument for one that has none."""
     if spec.optimizer is None:
         return []
     name, options = spec.optimizer
     method = _method(name, options)
     if not (name == "scipy" and method in _WITH_GRADIENTS or name == "nlopt" and method.startswith("LD_")):
         return []
-    return list(dict.fromkeys([each for each, _ in spec.objectives] + [each for each, _, _ in spec.constraints]))
+    names = list(dict.fromkeys([each for each, _ in spec.objectives] + [each for each, _, _ in spec.constraints]))
+    for each in names:
+        if each in spec.evaluate.get("quality", ()) and NAMES[each]:
+            raise InvalidArgument(f"{each}: it is a number of faces, cells or the like, which has no slope, and {method} follows slopes; "
+                                  "cma, nsga2, COBYLA of scipy and LN_COBYLA of nlopt take it")
+    return names
+
+
+def skipping(spec: Spec) -> List[Tuple[str, str, float]]:
+    """The constraints on quality outside of which a design need not be evaluated: of optimizers that only rank such designs. All of them."""
+    if spec.optimizer is None or spec.optimizer[0] not in ("cma", "nsga2"):
+        return []
+    return [each for each in spec.constraints if each[0] in spec.evaluate.get("quality", ())]
 
 
 def _method(name: str, options: Dict[str, Any]) -> str:

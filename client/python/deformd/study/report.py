@@ -11,7 +11,7 @@ import numpy as np
 
 from ..errors import Error
 from .spec import Spec
-from .worker import Task, points_of, rest_and_faces
+from .worker import Task, points_of, quality_of, rest_and_faces
 
 Record = Dict[str, Any]
 _STYLE = "body{font:15px sans-serif;max-width:70em;margin:2em auto;color:#222}table{border-collapse:collapse}td,th{padding:.2em .8em;text-align:right;" \
@@ -39,13 +39,13 @@ def page(spec: Spec, names: Sequence[str], bounds: np.ndarray, task: Task, recor
 
 
 def _history(spec: Spec, records: List[Record]) -> str:
-    from .driver import TOLERANCE, violations
+    from .driver import TOLERANCE, failed, violations
 
     found = []
     for name, sign in spec.objectives:
         wanted = {name, *(each for each, _, _ in spec.constraints)}
         known = [(each["number"], each["values"][name], all(v <= TOLERANCE for v in violations(spec, each)))
-                 for each in records if wanted <= each["values"].keys()]
+                 for each in records if not failed(each) and wanted <= each["values"].keys()]
         if not known:
             continue
         low, high = min(value for _, value, _ in known), max(value for _, value, _ in known)
@@ -104,19 +104,11 @@ def _best(names: Sequence[str], task: Task, best: Record) -> str:
     low, high = np.minimum(rest, moved).min(axis=0), np.maximum(rest, moved).max(axis=0)
     pictures = "".join(f"<figure><img alt='{title}' src='data:image/png;base64,{base64.b64encode(_picture(points, faces, low, high)).decode()}'>"
                        f"<figcaption>{title}</figcaption></figure>" for title, points in (("original", rest), ("best", moved)))
-    quality = "".join(f"<tr><td>{title}<td>{angle:.2f}<td>{shape:.4f}</tr>" for title, points in (("original", rest), ("best", moved))
-                      for angle, shape in [_quality(points, faces)])
-    return told + pictures + f"<table><tr><th><th>smallest angle (degrees)<th>smallest shape quality</tr>{quality}</table>" \
-        "<p>Shape quality of a triangle is 4 sqrt(3) area / (sum of squared edges), 1 where it is equilateral.</p>"
-
-
-def _quality(points: np.ndarray, faces: np.ndarray) -> Tuple[float, float]:
-    a, b, c = (points[faces[:, i]] for i in range(3))
-    double = np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    edges = np.stack([np.einsum("ij,ij->i", each, each) for each in (b - a, c - b, a - c)])
-    around = [np.einsum("ij,ij->i", p - q, r - q) for p, q, r in ((b, a, c), (c, b, a), (a, c, b))]
-    angle = np.degrees(min(np.arctan2(double, each).min() for each in around))
-    return float(angle), float((2 * np.sqrt(3) * double / np.where(edges.sum(axis=0) > 0, edges.sum(axis=0), 1)).min())
+    before, after = (quality_of(task).rows(points) for points in (rest, moved))
+    known = {row.name: row.value for row in before}
+    quality = "".join(f"<tr><td style='text-align:left'>{html.escape(row.label)}<td>{known[row.name]:.6g}<td>{row.value:.6g}</tr>"
+                      for row in after if row.in_table and row.name in known)
+    return told + pictures + f"<table><tr><th style='text-align:left'>quality<th>original<th>best</tr>{quality}</table>"
 
 
 def _picture(points: np.ndarray, faces: np.ndarray, low: np.ndarray, high: np.ndarray, width: int = 640) -> bytes:

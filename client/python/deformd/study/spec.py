@@ -4,9 +4,12 @@
 import hashlib
 import os
 import pathlib
-from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple, Union
+import re
+from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Optional, Tuple, Union
 
+from .. import _deformd
 from ..errors import InvalidArgument, NotFound
+from ..quality import NAMES, check_name, checked_limits
 from .libraries import needing_libraries
 from .measures import MEASURES, checked_measure, files_of, names_of, quotes_advice
 
@@ -16,6 +19,8 @@ PLACES = ("threads", "processes", "submitit", "dask", "ray", "executor")
 _KEYS = ("setup", "mesh", "server", "folder", "seed", "evaluate", "minimize", "maximize", "constraints", "doe", "optimizer", "budget", "place",
          "deformation", "meshes", "failing")
 _MAY_CHANGE = ("budget", "place", "server", "failing", "folder")
+TOLERANCE = 1e-6
+"""Of constraints, in parts of their limits: optimizers with gradients end on them."""
 
 
 class Spec(NamedTuple):
@@ -31,7 +36,8 @@ class Spec(NamedTuple):
     """The folder of the file."""
     seed: int
     evaluate: Dict[str, Any]
-    """"measures": name -> {"kind", "options"}; "function": "module:function"; "command", "template", "timeout". Empty: nothing."""
+    """"measures": name -> {"kind", "options"}; "function": "module:function"; "command", "template", "timeout"; "quality": names, "walls": groups.
+    Empty: nothing."""
     objectives: Tuple[Tuple[str, int], ...]
     """(name, 1 to be minimized or -1 to be maximized)"""
     constraints: Tuple[Tuple[str, str, float], ...]
@@ -59,7 +65,7 @@ def read_spec(path: Union[str, "os.PathLike[str]"]) -> Spec:
     if not file.is_file():
         raise NotFound(f"{path}: there is no such file")
     try:
-        raw = yaml.safe_load(file.read_text())
+        raw = yaml.load(file.read_text(), _loader())
     except yaml.YAMLError as error:
         raise InvalidArgument(f"{path}: {error}") from None
     if not isinstance(raw, dict):
@@ -79,17 +85,19 @@ def read_spec(path: Union[str, "os.PathLike[str]"]) -> Spec:
         doe = _checked_doe(base, doe)
     evaluate = _evaluate(base, raw.get("evaluate") or {})
     objectives = tuple((name, sign) for key, sign in (("minimize", 1), ("maximize", -1)) for name in _names(key, raw.get(key, [])))
-    constraints = _constraints(raw.get("constraints") or {})
+    constraints = checked_limits("constraints", raw.get("constraints") or {})
     if optimizer is not None and not objectives:
         raise InvalidArgument("minimize, maximize: an optimizer needs an objective, the name of a measured value")
     if optimizer is not None and optimizer[0] != "nsga2" and len(objectives) != 1:
         raise InvalidArgument(f"minimize, maximize: {len(objectives)} objectives, {optimizer[0]} takes one; nsga2 takes several")
     if (objectives or constraints) and not evaluate:
         raise InvalidArgument("evaluate: missing; objectives and constraints are values that it measures")
-    known = evaluate.get("measures")
-    for name in [name for name, _ in objectives] + [name for name, _, _ in constraints]:
-        if known is not None and name not in known:
-            raise InvalidArgument(f'"{name}": no such measure, only {", ".join(known)}')
+    measured = evaluate.get("measures", {})
+    if evaluate and "function" not in evaluate and "command" not in evaluate:  # whose values nobody knows before
+        known = [*measured, *evaluate.get("quality", ())]
+        for name in [name for name, _ in objectives] + [name for name, _, _ in constraints]:
+            if name not in known:
+                raise InvalidArgument(f'"{name}": no such measure, only {", ".join(known)}{name_advice(name, known)}')
     budget = raw.get("budget")
     if budget is not None:
         budget = _whole("budget", budget, 1)
@@ -102,7 +110,7 @@ def read_spec(path: Union[str, "os.PathLike[str]"]) -> Spec:
     if isinstance(failing, bool) or not isinstance(failing, (int, float)) or not 0 < failing <= 1:
         raise InvalidArgument(f"failing: {failing!r}, expected a number above 0 and up to 1")
     identity = {key: repr(raw.get(key)) for key in _KEYS if key not in _MAY_CHANGE}
-    files = [("setup", setup), ("mesh", mesh), ("table", doe[1] if doe is not None and doe[0] == "table" else None), *files_of(known or {}).items()]
+    files = [("setup", setup), ("mesh", mesh), ("table", doe[1] if doe is not None and doe[0] == "table" else None), *files_of(measured).items()]
     for key, named in files:
         if named is not None:
             identity[key] = hashlib.sha256(pathlib.Path(named).read_bytes()).hexdigest()
@@ -111,10 +119,30 @@ def read_spec(path: Union[str, "os.PathLike[str]"]) -> Spec:
                 _one_of("deformation", raw.get("deformation", "server"), ("server", "compiled")), extension, float(failing), identity)
 
 
+def _loader() -> Any:
+    """That of PyYAML, which takes 1e-9 for text, with the numbers of YAML 1.2."""
+    import yaml
+
+    class Loader(yaml.SafeLoader):
+        pass
+
+    Loader.add_implicit_resolver("tag:yaml.org,2002:float", re.compile(r"^[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)[eE][-+]?[0-9]+$"), list("-+.0123456789"))
+    return Loader
+
+
 def _one_of(what: str, value: Any, choices: Tuple[str, ...]) -> str:
     if value not in choices:
-        raise InvalidArgument(f"{what}: {value!r}, expected one of {', '.join(choices)}")
+        near = _deformd.nearest_names(str(value), list(choices))
+        raise InvalidArgument(f"{what}: {value!r}, expected one of {', '.join(choices)}{f'; did you mean {near}?' if near else ''}")
     return str(value)
+
+
+def name_advice(name: str, known: Iterable[str]) -> str:
+    """For messages about a value that there is not: what to do where `deform quality` measures it, else names that are near."""
+    if name in NAMES:
+        return f"; it is one of the measures of quality: evaluate.quality: [{name}] has it measured"
+    near = _deformd.nearest_names(name, list(known)) or _deformd.nearest_names(name, list(NAMES))
+    return f"; did you mean {near}?" if near else ""
 
 
 def _whole(what: str, value: Any, least: int) -> int:
@@ -165,44 +193,41 @@ def _place(value: Any) -> Tuple[str, Any]:
 def _names(key: str, value: Any) -> List[str]:
     names = [value] if isinstance(value, str) else value
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-        raise InvalidArgument(f"{key}: {value!r}, expected the name of a measured value, or a list of names{quotes_advice(names)}")
+        kind = "a group of faces" if key == "evaluate.walls" else "a measured value"
+        raise InvalidArgument(f"{key}: {value!r}, expected the name of {kind}, or a list of names{quotes_advice(names)}")
     return names
-
-
-def _constraints(value: Any) -> Tuple[Tuple[str, str, float], ...]:
-    found = []
-    for name, limits in (value.items() if isinstance(value, Mapping) else [("constraints", None)]):
-        if not isinstance(limits, Mapping) or not limits:
-            raise InvalidArgument(f"constraints.{name}: expected min, max or both")
-        for side, limit in limits.items():
-            _one_of(f"constraints.{name}", side, ("min", "max"))
-            if isinstance(limit, bool) or not isinstance(limit, (int, float)):
-                raise InvalidArgument(f"constraints.{name}.{side}: {limit!r}, expected a number")
-            found.append((str(name), str(side), float(limit)))
-    return tuple(found)
 
 
 def _evaluate(base: pathlib.Path, value: Any) -> Dict[str, Any]:
     if not isinstance(value, dict):
-        raise InvalidArgument("evaluate: expected measures, function or command")
+        raise InvalidArgument("evaluate: expected measures, function or command, and quality")
     kinds = [key for key in ("measures", "function", "command") if key in value]
     for key in value:
-        _one_of("evaluate", key, ("measures", "function", "command", "template", "timeout"))
+        _one_of("evaluate", key, ("measures", "function", "command", "template", "timeout", "quality", "walls"))
     if not value:
         return {}
-    if len(kinds) != 1:
-        raise InvalidArgument("evaluate: exactly one of measures, function and command")
+    if len(kinds) != 1 and (kinds or "quality" not in value):
+        raise InvalidArgument("evaluate: exactly one of measures, function and command, or quality alone")
     checked = dict(value)
     if kinds == ["measures"]:
         checked["measures"] = _measures(base, value["measures"])
     elif kinds == ["function"]:
         if not isinstance(value["function"], str) or value["function"].count(":") != 1:
             raise InvalidArgument(f'evaluate.function: {value["function"]!r}, expected "module:function"')
-    elif not isinstance(value["command"], str) or not value["command"].strip():
+    elif kinds and (not isinstance(value["command"], str) or not value["command"].strip()):
         raise InvalidArgument("evaluate.command: expected a command line")
     for key in ("template", "timeout"):
         if key in value and kinds != ["command"]:
             raise InvalidArgument(f"evaluate.{key}: only of a command")
+    if "walls" in value and "quality" not in value:
+        raise InvalidArgument("evaluate.walls: only with quality, which measures the first layer of cells on them")
+    for key in ("quality", "walls"):
+        if key in value:
+            checked[key] = _names(f"evaluate.{key}", value[key])
+    for name in checked.get("quality", ()):
+        check_name("evaluate.quality", name)
+        if name in checked.get("measures", {}):
+            raise InvalidArgument(f'evaluate.measures.{name}: gives "{name}", as evaluate.quality does; name it otherwise')
     if "template" in value:
         checked["template"] = str(base / str(value["template"]))
         if not os.path.isdir(checked["template"]):

@@ -12,7 +12,7 @@ import shutil
 import subprocess
 import threading
 import time
-from typing import Any, Dict, Iterator, Mapping, Optional, Tuple
+from typing import Any, Dict, Iterator, List, Mapping, Optional, Tuple
 
 import numpy as np
 
@@ -20,13 +20,17 @@ from .. import _deformd
 from ..client import Client, _isolated_reader
 from ..compiled import load
 from ..errors import Error, InvalidArgument, NumericalFailure
-from ..faces import FaceCheck
+from ..faces import CellCheck, FaceCheck
+from ..quality import REPORT_MEASURES, Quality, differences, report_measure, violation
+from ..reports import CompiledReport
 from .journal import write_whole
 from .measures import Evaluation, make_measure
 from .places import die_with_parent
+from .spec import TOLERANCE, name_advice
 
 Task = Dict[str, Any]
-"""number, x; study (what its file says, as a hash); evaluate, names; server and system, or compiled (a path); mesh (a path or None); folder; write (an extension or None); gradients."""
+"""number, x; study (what its file says, as a hash); evaluate, names; server and system, or compiled (a path); mesh (a path or None); folder; write (an extension or None); gradients; skip, the
+constraints on quality outside of which nothing is evaluated."""
 
 _lock = threading.Lock()
 _loaded: Dict[str, Any] = {}
@@ -35,10 +39,11 @@ _FAILURES = ("invalid_argument", "numerical_failure", "deadline_exceeded")
 
 def evaluate(task: Task) -> Dict[str, Any]:
     """The record of a design: number, x, verdict, reasons, values, gradients (of values at the variables), mesh, whose file was written, and
-    seconds_deforming (until its points are there, for a command as a file) and seconds_evaluating (by measures, function or command).
+    seconds_deforming (until its points are there, for a command as a file), seconds_evaluating (by measures, function or command) and, where
+    it is measured, seconds_quality. not_evaluated: True where quality is outside of its constraints and the task says that this is enough.
 
-    verdict: that of the report, "failed" where evaluator or design failed; of compiled deformations, whose cells nobody looks at, "doubtful" where
-    faces are flipped or handles mirrored, else "unknown". Raises what has nothing to do with the design: no server, no such function. What
+    verdict: that of the report, "failed" where evaluator or design failed; of compiled deformations "bad" where cells
+    are inverted, "doubtful" where faces are flipped or handles mirrored, else "unknown". Raises what has nothing to do with the design: no server, no such function. What
     functions and commands gave is kept in the folder, so that it is there for the study even if that ended meanwhile.
     """
     kept = pathlib.Path(task["folder"]) / "results" / f"{task['number']:06}.json"
@@ -46,7 +51,7 @@ def evaluate(task: Task) -> Dict[str, Any]:
     if found is not None:
         return found
     record = _evaluate(task)
-    if "measures" not in task["evaluate"] and task["evaluate"]:
+    if "function" in task["evaluate"] or "command" in task["evaluate"]:
         kept.parent.mkdir(exist_ok=True)
         write_whole(kept, json.dumps({**record, "study": task["study"]}, allow_nan=False).encode())
     return record
@@ -67,32 +72,48 @@ def _evaluate(task: Task) -> Dict[str, Any]:
     x = np.array(task["x"])
     record: Dict[str, Any] = {"number": task["number"], "x": task["x"], "seconds_deforming": 0.0, "seconds_evaluating": 0.0}
     looks = {"faces": _face_check(task)} if task["compiled"] else {}
+    if task["compiled"]:
+        _cell_check(task)  # is made once, which is no time of this design
     with _timed(record, "deforming"):
         points, report = system.deform(x, **looks)
     record.update(verdict=getattr(report, "verdict", "unknown"), reasons=list(report.reasons), values={}, gradients={}, mesh=None)
     if task["compiled"]:
         flipped = [f"{report.flipped_faces} of {looks['faces'].faces} faces are flipped"] if report.flipped_faces else []
         doubts = [*report.doubts, *flipped]
-        if doubts:
-            record.update(verdict="doubtful", reasons=[*report.reasons, *doubts])
+        inverted = [] if report.bad else _inverted(task, points, record)
+        if inverted or doubts:
+            record.update(verdict="bad" if inverted else "doubtful", reasons=[*report.reasons, *inverted, *doubts])
     error = report.error
     if error is not None and error.code.lower() not in _FAILURES and not isinstance(error, InvalidArgument):
         raise error
-    if report.bad:
+    if report.bad or record["verdict"] == "bad":
         return {**record, "verdict": "bad"}
     try:
+        quality = _measure_quality(task, points, report, record)
+        record["values"] = dict(quality)
+        outside = [f"{name} {quality[name]:.6g}, {side} {limit:.6g}" for name, side, limit in task.get("skip", ())
+                   if violation(quality[name], side, limit) > TOLERANCE]
+        if outside and task["evaluate"].keys() - {"quality", "walls"}:
+            return {**record, "reasons": [*record["reasons"], *(f"not evaluated: {each}" for each in outside)], "not_evaluated": True}
         values, slopes = _values(task, points, report, record)
+        both = next((name for name in quality if name in values), None)
+        if both is not None:
+            raise InvalidArgument(f'"{both}": the evaluator gives it, and evaluate.quality measures it; name one of them otherwise')
+        values.update(quality)
+        by_difference = _quality_slopes(task, system, x, [name for name in task["gradients"] if name in quality], record)
     except _Failed as failed:
         return {**record, "verdict": "failed", "reasons": [str(failed)]}
     record["values"] = values
     if task["gradients"]:
         unknown = next((name for name in task["gradients"] if name not in values), None)
         if unknown is not None:
-            raise InvalidArgument(f'"{unknown}": design {task["number"]} has no such value, only {", ".join(values) or "none"}')
-        missing = [name for name in task["gradients"] if name not in slopes]
+            raise InvalidArgument(f'"{unknown}": design {task["number"]} has no such value, only {", ".join(values) or "none"}'
+                                  f"{name_advice(unknown, values)}")
+        missing = [name for name in task["gradients"] if name not in slopes and name not in by_difference]
         if missing:
             raise InvalidArgument(f"evaluate: no gradient of {', '.join(missing)} at the points, which the optimizer needs")
-        record["gradients"] = {name: system.vjp(x, slopes[name]).tolist() for name in task["gradients"]}
+        record["gradients"] = {name: (by_difference[name] if name in by_difference else system.vjp(x, slopes[name])).tolist()
+                               for name in task["gradients"]}
     if task["write"]:
         folder = pathlib.Path(task["folder"]) / "meshes"
         folder.mkdir(exist_ok=True)
@@ -121,7 +142,7 @@ def _values(task: Task, points: np.ndarray, report: Any, record: Dict[str, Any])
     """Values and their gradients at the points; the time they took goes to the record."""
     how = task["evaluate"]
     slopes: Dict[str, np.ndarray] = {}
-    if not how:
+    if not how.keys() - {"quality", "walls"}:
         return {}, {}
     if "measures" in how:
         values: Any = {}
@@ -156,6 +177,35 @@ def _values(task: Task, points: np.ndarray, report: Any, record: Dict[str, Any])
         if not math.isfinite(value):
             raise _Failed(f"{name}: {value}")
     return checked, slopes
+
+
+def _measure_quality(task: Task, points: np.ndarray, report: Any, record: Dict[str, Any]) -> Dict[str, float]:
+    """The measures of evaluate.quality, of the report where it has them; the time they took goes to the record."""
+    names = task["evaluate"].get("quality", ())
+    if not names:
+        return {}
+    record["seconds_quality"] = 0.0
+    known = {name: report_measure(name, report) for name in names}
+    wanted = [name for name, value in known.items() if value is None]
+    if wanted:
+        quality = _quality(task)
+        with _timed(record, "quality"):
+            known.update(quality.values(points, wanted))
+    for name, value in known.items():
+        if value is None or not math.isfinite(value):
+            raise _Failed(f"{name}: {value}")
+    return {name: float(value) for name, value in known.items() if value is not None}
+
+
+def _quality_slopes(task: Task, system: Any, x: np.ndarray, names: List[str], record: Dict[str, Any]) -> Dict[str, np.ndarray]:
+    """Derivatives with respect to the variables, by differences: they take designs that are deformed, but not evaluated."""
+    if not names:
+        return {}
+    try:
+        with _timed(record, "quality"):
+            return differences(system, x, _quality(task), names)
+    except NumericalFailure as error:
+        raise _Failed(str(error)) from None
 
 
 def _command(task: Task, points: np.ndarray, record: Dict[str, Any]) -> Any:
@@ -228,6 +278,25 @@ def _measure(task: Task, name: str) -> Evaluation:
         raise type(error)(f"evaluate.measures.{name}.{how['kind']}: {error}") from None
 
 
+def _quality(task: Task) -> Quality:
+    walls = task["evaluate"].get("walls", [])
+    mesh = _mesh(task)
+    return _once(f"quality:{task['mesh']}:{json.dumps(walls)}", lambda: Quality(mesh, walls=walls))  # type: ignore[no-any-return]
+
+
+def check_quality(task: Task, by_server: bool) -> None:
+    """Refuses measures of evaluate.quality that neither the mesh nor reports have: those of the server, or of compiled deformations. Raises
+    InvalidArgument, with suggestions."""
+    for name in task["evaluate"].get("quality", ()):
+        if name in REPORT_MEASURES and (by_server or hasattr(CompiledReport, name)):
+            continue
+        try:
+            _quality(task).check(name)
+        except InvalidArgument as error:
+            why = f"{name}: only the server reports it, and here designs are deformed without" if name in REPORT_MEASURES else str(error)
+            raise InvalidArgument(f"evaluate.quality: {why}") from None
+
+
 def _faces(task: Task) -> np.ndarray:
     mesh = _mesh(task)
     return _once(f"faces:{task['mesh']}", lambda: _triangles(np.asarray(mesh.face_sizes, dtype=np.int64), np.asarray(mesh.face_points, dtype=np.int64)))
@@ -252,6 +321,32 @@ def _face_check(task: Task) -> Any:
     return _once(f"check:{task['mesh']}", lambda: FaceCheck(mesh))
 
 
+def _cell_check(task: Task) -> Any:
+    """For compiled deformations; None where the study has no mesh, or that no cells."""
+    mesh = _mesh(task, needed=False)
+
+    def made() -> Any:
+        try:
+            return CellCheck(mesh)
+        except InvalidArgument:  # a surface that is in no plane
+            return None
+
+    return None if mesh is None else _once(f"cells:{task['mesh']}", made)
+
+
+def _inverted(task: Task, points: np.ndarray, record: Dict[str, Any]) -> List[str]:
+    """The reason why a design of a compiled deformation is bad for its cells, if it is."""
+    check = _cell_check(task)
+    if check is None:
+        return []
+    with _timed(record, "deforming"):
+        try:
+            count = check.inverted(points)
+        except InvalidArgument as error:  # a mesh in a plane, which the design leaves
+            return [str(error)]
+    return [f"{count} of {check.cells} cells are inverted"] if count else []
+
+
 def _once(key: str, make: Any) -> Any:
     with _lock:
         if key not in _loaded:
@@ -259,8 +354,13 @@ def _once(key: str, make: Any) -> Any:
         return _loaded[key]
 
 
+def quality_of(task: Task) -> Quality:
+    """Measures designs of the study. Raises Error where there is no mesh, or nothing to measure."""
+    return _quality(task)
+
+
 def rest_and_faces(task: Task) -> Tuple[np.ndarray, np.ndarray]:
-    """Points at rest (n, 3) and triangles of the mesh, for pictures and quality. Raises Error where there is no mesh."""
+    """Points at rest (n, 3) and triangles of the mesh, for pictures. Raises Error where there is no mesh."""
     return np.asarray(_mesh(task).points), _faces(task)
 
 
@@ -269,4 +369,4 @@ def points_of(task: Task) -> np.ndarray:
     return _system(task).deform(np.array(task["x"])).points
 
 
-__all__ = ["Error", "Task", "evaluate", "kept_result", "points_of", "rest_and_faces"]
+__all__ = ["Error", "Task", "check_quality", "evaluate", "kept_result", "points_of", "quality_of", "rest_and_faces"]
