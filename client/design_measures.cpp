@@ -48,6 +48,10 @@ constexpr DesignMeasure measures[] = {
      [](const v1::DesignResult& result) {
        return result.faces().has_intersecting() ? Measured(static_cast<double>(result.faces().intersecting())) : std::nullopt;
      }},
+    {"points_across_symmetry", true,
+     [](const v1::DesignResult& result) {
+       return result.has_points_across_symmetry() ? Measured(static_cast<double>(result.points_across_symmetry())) : std::nullopt;
+     }},
     {"inverted_cells", true, inverted_cells},
     {"inverted_at_rest", true,
      [](const v1::DesignResult& result) {

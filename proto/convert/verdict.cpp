@@ -121,6 +121,10 @@ void judge_mesh(const SolutionFacts& facts, const v1::DesignResult& result, std:
     found.emplace_back(v1::VERDICT_DOUBTFUL, std::to_string(result.faces().flipped()) + " of " +
                                                  std::to_string(result.faces().faces()) + " faces are flipped");
   }
+  if (result.points_across_symmetry() > 0) {
+    found.emplace_back(v1::VERDICT_DOUBTFUL, std::to_string(result.points_across_symmetry()) +
+                                                 " points crossed a symmetry plane: the whole model runs through itself");
+  }
   if (result.faces().intersecting() > 0) {
     found.emplace_back(v1::VERDICT_DOUBTFUL, std::to_string(result.faces().intersecting()) + " of " +
                                                  std::to_string(result.faces().faces()) + " faces ran into others");

@@ -176,11 +176,13 @@ DeformCall::StepResult DeformCall::make_step(const Bound& bound, std::size_t ste
     context.check();
     codec::Block& block = result.blocks.emplace_back();
     Extreme& displacement = result.displacements.emplace_back();
+    PlaneCrossings::Found& crossings = result.crossings.emplace_back();
     if (whole != nullptr && whole->failed.contains(d)) continue;
     const std::span<const Vec3> points(deformed[d], count);
     if (bound.values == DeformTask::Values::positions) {
       const Extreme largest = largest_displacement(points, registered);
       displacement = {largest.value, largest.id + first};
+      crossings = bound.system->crossings.in(points, first);
     }
     block = codec::encode(registered, points, bound.output);
     result.bytes += block.bytes.size();
@@ -263,7 +265,7 @@ void DeformCall::release_step(std::size_t step, StepResult&& result) {
   for (std::size_t d = 0; d < result.blocks.size(); ++d) {
     if (whole != whole_.end() && whole->second->failed.contains(d)) continue;
     codec::Block& encoded = result.blocks[d];
-    progress_[d].add(encoded, result.displacements[d]);
+    progress_[d].add(encoded, result.displacements[d], result.crossings[d]);
     stats_.bytes += encoded.bytes.size();
     v1::Block& message = *push().mutable_block();
     message.set_design(static_cast<std::uint32_t>(bound_->numbers[plan.first_design(step) + d]));
@@ -291,6 +293,7 @@ void DeformCall::push_results(std::size_t step, WholeDesigns* whole) {
     result.set_design(static_cast<std::uint32_t>(bound_->numbers[design]));
     if (whole != nullptr) whole->findings[d].move_to(result);
     if (bound_->values == DeformTask::Values::positions) {
+      result.set_points_across_symmetry(progress_[d].crossings.points);
       convert::set_verdict(
           {info.diagonal(), info.condition(), report.converged, report.torn_edges, report.misfit,
            convert::method_facts(info.setup()), bound_->doubts.empty() ? std::vector<std::string>() : bound_->doubts[design]},

@@ -345,6 +345,7 @@ std::shared_ptr<EngineImpl::Planned> EngineImpl::plan_system(const Recipe& recip
   resident.setup = convert::setup_from_proto(recipe.canonical, options_.max_handles);
   context.progress("select", 0);
   planned->regions = validate(resident.setup, *resident.mesh, charged(context, planned->charge));
+  resident.crossings = PlaneCrossings(resident.setup, *resident.mesh);
   planned->estimate = deform::estimate(*resident.mesh, resident.setup, planned->regions);
   context.check();
   return planned;
@@ -555,6 +556,7 @@ std::shared_ptr<ResidentSystem> EngineImpl::restored_system(const OwnedId& id, c
   resident->info = resident->told;
   *resident->info.mutable_setup() = std::move(canonical);
   resident->mesh = mesh_of({id.tenant, record->geometry_id});
+  resident->crossings = PlaneCrossings(resident->setup, *resident->mesh);
   resident = bases_.restore(id, std::move(resident), context);
   if (resident) require_stored(id);
   return resident;

@@ -47,7 +47,7 @@ class ExitCodes(EndToEnd):
         self.deform(*apply, "roof_up=0.01")
         os.remove(self.path("x.obj"))
         self.fails(1, *apply, "roof_up=1", says=["roof_up", "1 is outside of its bounds [-0.1, 0.1]"])
-        self.fails(2, *apply, "roof_up=0.01", "--fail-on", "flipped>0", says=["flipped_faces, newly_intersecting_faces, inverted_cells", "displacement_ratio"])
+        self.fails(2, *apply, "roof_up=0.01", "--fail-on", "flipped>0", says=["flipped_faces, newly_intersecting_faces, points_across_symmetry", "displacement_ratio"])
         self.fails(2, *apply, "roof_up=0.01", "--fail-on", "max_displacement", says=["NAME>NUMBER"])
         self.fails(2, "apply", "setup.yaml", says=["-o", "--in-place"])
         self.assertFalse(os.path.exists(self.path("x.obj")))

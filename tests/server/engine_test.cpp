@@ -6,6 +6,7 @@
 
 #include <algorithm>
 
+#include "core/base/number_text.h"
 #include "core/base/vectors.h"
 #include "proto/convert/setup.h"
 #include "tests/server/engine_fixture.h"
@@ -519,6 +520,48 @@ TEST_F(EngineTest, a_half_model_keeps_its_plane) {
   EXPECT_EQ(largest_difference(got, expected), 0);
   EXPECT_GT(largest_difference(got, reference({0.3, -0.2})), 1e-6);
   for (std::size_t i = 0; i < 60; ++i) EXPECT_EQ(got[i][1], 0);
+}
+
+TEST_F(EngineTest, half_models_that_run_through_themselves_are_doubtful) {
+  v1::Setup setup = sheet_setup(geometry.id());
+  v1::SymmetryPlane& plane = *setup.add_symmetry();
+  for (const double x : {0., 0., 0.}) plane.add_point(x);
+  for (const double x : {0., 1., 0.}) plane.add_normal(x);
+  // The free points between the plane and a handle that comes near to it are pushed across.
+  setup.mutable_handles(0)->mutable_region()->clear_group();
+  auto* box = setup.mutable_handles(0)->mutable_region()->mutable_box();
+  for (const double x : {0.4, 0.5, -1.0}) box->add_min(x);
+  for (const double x : {0.6, 0.8, 1.0}) box->add_max(x);
+  setup.clear_variables();
+  auto* in = setup.add_variables();
+  in->set_name("in");
+  in->set_handle(setup.handles(0).name());
+  for (const double x : {0., -1., 0.}) in->add_translate(x);
+  const v1::SystemInfo half = prepare(setup);
+  for (const bool again : {false, true}) {
+    if (again) reopen();  // what is restored knows the plane, too
+    const auto deformed = deform(request_for(half.id(), {{0.01}, {0.6}}));
+    std::array<std::size_t, 2> across{};
+    double farthest = 0;
+    for (std::size_t d = 0; d < 2; ++d) {
+      for (const Vec3& p : deformed.points[d]) {
+        across[d] += p[1] < -1e-6;
+        if (d == 1) farthest = std::max(farthest, -p[1]);
+      }
+      EXPECT_EQ(deformed.results[d].points_across_symmetry(), across[d]);
+    }
+    EXPECT_EQ(across[0], 0U);
+    ASSERT_GT(across[1], 5U);
+    EXPECT_TRUE(deformed.results[0].has_points_across_symmetry());
+    EXPECT_NE(deformed.results[1].verdict(), v1::VERDICT_GOOD);
+    EXPECT_THAT(deformed.results[1].reasons(),
+                testing::Contains(std::to_string(across[1]) + " points crossed a symmetry plane: "
+                                                              "the whole model runs through itself"));
+    EXPECT_THAT(deformed.results[1].warnings(),
+                testing::Contains(testing::HasSubstr(std::to_string(across[1]) + " of " + std::to_string(mesh.point_count()) +
+                                                     " points crossed a symmetry plane, point ")));
+    EXPECT_THAT(deformed.results[1].warnings(), testing::Contains(testing::HasSubstr("farthest, by " + number_text(farthest))));
+  }
 }
 
 }  // namespace

@@ -65,6 +65,7 @@ void add_findings(const v1::DesignResult& result, nlohmann::ordered_json& json) 
           std::vector<std::uint32_t>(result.faces().intersecting_ids().begin(), result.faces().intersecting_ids().end());
     }
   }
+  if (result.points_across_symmetry() > 0) json["points_across_symmetry"] = result.points_across_symmetry();
   if (result.has_cells()) json["cells"] = to_json(result.cells());
   if (result.has_quality()) json["quality"] = to_json(result.quality());
   if (result.has_split()) json["split"] = to_json(result.split());

@@ -94,7 +94,8 @@ TEST(Gates, WithUnknownNamesAreErrorsOfUsageThatListTheNames) {
     failures({"flipped_face>0"}, good_result());
     FAIL() << "taken";
   } catch (const CLI::ValidationError& error) {
-    EXPECT_NE(std::string(error.what()).find("flipped_faces, newly_intersecting_faces, inverted_cells"), std::string::npos)
+    EXPECT_NE(std::string(error.what()).find("flipped_faces, newly_intersecting_faces, points_across_symmetry"),
+              std::string::npos)
         << error.what();
     EXPECT_NE(std::string(error.what()).find("--fail-on flipped_face>0"), std::string::npos) << error.what();
   }
@@ -109,6 +110,8 @@ TEST(Gates, KnowAllMeasuresOfADesign) {
   EXPECT_EQ(cli::design_measure("inverted_at_rest", result), 3);
   EXPECT_EQ(cli::design_measure("newly_intersecting_faces", result), std::nullopt) << "not looked for";
   result.mutable_faces()->set_intersecting(4);
+  result.set_points_across_symmetry(2);
+  EXPECT_EQ(cli::design_measure("points_across_symmetry", result), 2);
   EXPECT_EQ(cli::design_measure("newly_intersecting_faces", result), 4);
   EXPECT_EQ(cli::design_measure("interpolation_residual", result), 1e-9);
   EXPECT_EQ(cli::design_measure("max_error", result), 1e-7);
