@@ -13,8 +13,7 @@
 namespace deform {
 
 /// Finds the points of a half model that a design moves across a symmetry plane, where the whole model runs through itself.
-/// Points on a plane slide in it, and handles and fixed regions are kept on their side; free points are not. Immutable; any
-/// thread.
+/// Points on a plane slide in it; nothing keeps others on their side. Immutable; any thread.
 class PlaneCrossings {
  public:
   /// What was found in some points of a design.
