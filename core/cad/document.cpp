@@ -228,7 +228,7 @@ double uncertainty_of(const Document& document) {
       const TopoDS_Edge edge = TopoDS::Edge(edges(i));
       if (BRep_Tool::Degenerated(edge)) continue;
       widest = std::max(widest, BRep_Tool::Tolerance(edge));
-      shortest = std::min(shortest, GCPnts_AbscissaPoint::Length(BRepAdaptor_Curve(edge), 1e-2));
+      shortest = std::min(shortest, GCPnts_AbscissaPoint::Length(BRepAdaptor_Curve(edge)));
     }
   }
   return std::max(Precision::Confusion(), std::min(widest, 0.1 * shortest));
