@@ -149,7 +149,7 @@ class Kills(Sweep):
         """Starts a sweep and kills it or the server at some moment; whether it got to its end before."""
         served = self.status()["designs_served"]
         known = self.recorded(output).hashes() & self.hashes[designs]
-        child = self.spawn(*self.command(designs, output, "--batch", 2))
+        child = self.spawn(*self.command(designs, output, "--batch", 2, "--patience", 0))
         time.sleep(random_numbers.uniform(0, 1.1 * self.seconds))
         if random_numbers.random() < 0.5:
             child.send_signal(signal.SIGKILL)
@@ -330,6 +330,26 @@ variables:
 
 
 class Places(Sweep):
+    def test_a_server_that_restarts_is_waited_for(self):
+        rows = [(f"d{k}", (0.0002 * k, -0.0005 * k)) for k in range(200)]
+        self.write("many.csv", table(rows))
+        child = self.spawn(*self.command("many.csv", "out", "--batch", 2))
+        self.wait_until(lambda: os.path.exists(self.path("out")) and len(self.contents("out")) > 3, "it is under way")
+        self.server.kill()
+        time.sleep(1.5)  # longer than the client tries otherwise
+        self.assertIsNone(child.poll(), "it waits")
+        self.server.start()
+        error = child.communicate(timeout=120)[1]
+        self.assertEqual((child.returncode, error), (0, ""))
+        self.assertEqual(len(self.contents("out")), 200)
+        self.sweep("many.csv", "other")
+        self.assertEqual(self.contents("out"), self.contents("other"))
+        self.server.kill()
+        started = time.time()
+        self.fails(3, *self.command("many.csv", "third"), says=["nobody listens there"])
+        self.assertLess(time.time() - started, 15, "who was never there is not waited for")
+        self.server.start()
+
     def test_archives_and_files_of_others_are_left_alone(self):
         self.write("designs.csv", table([("a", (0.01, 0))]))
         with tarfile.open(self.path("backup.tar"), "w") as archive:

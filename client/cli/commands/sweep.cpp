@@ -34,6 +34,7 @@ struct SweepOptions {
   std::string output;
   int parallel = 2;
   int batch = 0;
+  double patience = 30;  ///< seconds
   bool keep_going = true;
   bool keep_bad = false;
   OutputOptions encoding;
@@ -368,7 +369,12 @@ DesignTable checked_designs(const SweepOptions& options, const v1::Setup& setup)
 }
 
 ExitCode run_sweep(const SweepOptions& options, const CommonOptions& common) {
-  Connection connection(common);
+  {
+    // A server that is not there at all is told at once.
+    Connection first(common);
+    first.client().server_info(first.call());
+  }
+  Connection connection(common, std::chrono::duration<double>(options.patience));
   Progress preparing;
   LoadedSetup loaded = load_setup(connection, options.input, preparing);
   const DesignTable table = checked_designs(options, loaded.setup);
@@ -421,6 +427,11 @@ void add_sweep_command(CLI::App& app, const CommonOptions& common, Action& chose
   command->add_option("--source", options->input.source, "Mesh file of a setup that names its geometry by id");
   add_turn_normals(*command, options->input);
   command->add_option("--parallel", options->parallel, "Requests in flight")->check(CLI::Range(1, 64))->capture_default_str();
+  command
+      ->add_option("--patience", options->patience,
+                   "Seconds, about, for which a server that went away is waited for, as while it restarts")
+      ->check(CLI::Range(0, 600))
+      ->capture_default_str();
   command->add_option("--batch", options->batch, "Designs per request; 0: as many as fit into 64 MiB, at most 16")
       ->check(CLI::Range(0, 1000))
       ->capture_default_str();

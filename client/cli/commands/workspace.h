@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
+#include <chrono>
 #include <filesystem>
 #include <memory>
 #include <optional>
@@ -19,6 +20,8 @@ namespace deform::cli {
 class Connection {
  public:
   explicit Connection(const CommonOptions& common);
+  /// Calls that may be repeated wait about so long for a server that is gone.
+  Connection(const CommonOptions& common, std::chrono::duration<double> patience);
 
   client::Client& client() { return client_; }
   /// Fresh timeout, cancelled by Ctrl-C.

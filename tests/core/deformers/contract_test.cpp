@@ -361,7 +361,8 @@ class ExactOracle {
     return result;
   }
 
-  /// Adds a set. A circle on a cylinder among them becomes a section of it; cylinders come before circles.
+  /// Adds a set. A circle on a cylinder among them becomes a section of it, which gives it the radius that it keeps, unless both
+  /// keep another one; cylinders come before circles.
   static void add(const dense::PlacedSet& set, std::vector<dense::PlacedSet>& to) {
     for (dense::PlacedSet& cylinder : to) {
       if (!std::holds_alternative<Circular>(set.set.kind) || !std::holds_alternative<Cylindrical>(cylinder.set.kind)) continue;
@@ -371,6 +372,12 @@ class ExactOracle {
         if (found != cylinder.places.end()) section.push_back(static_cast<std::size_t>(found - cylinder.places.begin()));
       }
       if (section.size() != set.places.size()) continue;
+      const auto &own = set.set.kept, &kept = cylinder.set.kept;
+      if (own && kept && std::abs(*own - *kept) > 1e-10L * *own) continue;
+      if (own && !kept) {
+        std::get<Cylindrical>(cylinder.set.kind).radius = Size::kept;
+        cylinder.set.kept = own;
+      }
       cylinder.sections.push_back(std::move(section));
       return;
     }

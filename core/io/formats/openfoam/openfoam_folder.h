@@ -28,7 +28,9 @@ struct FoamFolder {
 FoamFolder load_openfoam(const std::filesystem::path& path);
 /// FOLDER/NAME or FOLDER/NAME.gz. Throws Error(not_found) if there is neither, saying what it would be.
 FoamFiles::Part load_openfoam_file(const std::filesystem::path& folder, const char* name,
-                                   const char* what = "which an OpenFOAM mesh has beside its points");
+                                   const char* what =
+                                       "which an OpenFOAM mesh has beside its points; a result of deform sweep is "
+                                       "points alone: link faces, owner, neighbour and boundary of the original beside them");
 /// The number of points in a `points` file.
 std::size_t openfoam_point_count(const FoamFiles::Part& points);
 
