@@ -44,6 +44,12 @@ std::string least_squares_advice(const SolutionFacts& facts, const v1::DesignRes
          "are larger; " + other + "solver SOLVER_AUTOMATIC";
 }
 
+/// What large errors of direct manipulation come from.
+std::string clamp_advice(const SolutionFacts& facts) {
+  if (!facts.method.manipulates_directly) return {};
+  return ": the clamp separates singular values that are close to each other; name another `clamp`, such as 1e-4";
+}
+
 void judge_solution(const SolutionFacts& facts, const v1::DesignResult& result, std::vector<Finding>& found) {
   if (!std::isfinite(result.max_displacement()) || !std::isfinite(result.estimated_error())) {
     found.emplace_back(v1::VERDICT_BAD, "points are not finite");
@@ -56,7 +62,7 @@ void judge_solution(const SolutionFacts& facts, const v1::DesignResult& result, 
   if (result.estimated_error() > negligible_error * facts.diagonal && result.relative_error() > doubtful_error) {
     found.emplace_back(result.relative_error() > bad_error ? v1::VERDICT_BAD : v1::VERDICT_DOUBTFUL,
                        "the estimated error is " + rounded(result.estimated_error()) + ", " + rounded(result.relative_error()) +
-                           " of the largest displacement" + least_squares_advice(facts, result));
+                           " of the largest displacement" + least_squares_advice(facts, result) + clamp_advice(facts));
   }
 }
 
@@ -93,7 +99,8 @@ void judge_motion(const SolutionFacts& facts, const v1::DesignResult& result, st
   if (facts.misfit > doubtful_misfit * prescribed) {
     found.emplace_back(facts.misfit > bad_misfit * prescribed ? v1::VERDICT_BAD : v1::VERDICT_DOUBTFUL,
                        "handle and fixed points are missed by up to " + rounded(facts.misfit) + ", " +
-                           rounded(facts.misfit / prescribed) + " of the largest prescribed displacement");
+                           rounded(facts.misfit / prescribed) + " of the largest prescribed displacement: take more control " +
+                           "points or a smaller `clamp`");
   }
 }
 
@@ -171,6 +178,8 @@ MethodFacts method_facts(const v1::Setup& setup) {
   const bool all = setup.method().has_rbf() && std::all_of(setup.then().begin(), setup.then().end(),
                                                            [](const auto& stage) { return stage.method().has_rbf(); });
   if (all) facts.condition_effect = MethodFacts::Effect::measured;
+  facts.manipulates_directly = (setup.method().has_ffd() && setup.method().ffd().control() == v1::MESH) ||
+                               (setup.method().has_cage() && setup.method().cage().control() == v1::MESH);
   if (!setup.method().has_rbf() || setup.then_size() > 0) return facts;
   const v1::RbfMethod& rbf = setup.method().rbf();
   if (rbf.solver() == v1::INCREMENTAL_QR) facts.least_squares_tolerance = rbf.tolerance();

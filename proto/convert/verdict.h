@@ -18,6 +18,7 @@ struct MethodFacts {
     measured  ///< it is part of the estimated error
   };
   Effect condition_effect = Effect::unknown;
+  bool manipulates_directly = false;   ///< control MESH: control points are found by least squares with a clamp
   double least_squares_tolerance = 0;  ///< of INCREMENTAL_QR, as a fraction of the diagonal; else 0
   /// Why points may move much farther than prescribed, and what to do; empty if nothing is known.
   std::string overshoot{};

@@ -91,6 +91,10 @@ const std::vector<Case> cases = {
      },
      v1::VERDICT_GOOD, ""},
     {"flipped", [](auto&, auto& r) { r.mutable_faces()->set_flipped(2); }, v1::VERDICT_DOUBTFUL, "2 of 100 faces are flipped"},
+    {"run_into_others", [](auto&, auto& r) { r.mutable_faces()->set_intersecting(2); }, v1::VERDICT_DOUBTFUL,
+     "2 of 100 faces ran into others"},
+    {"across_a_plane", [](auto&, auto& r) { r.set_points_across_symmetry(7); }, v1::VERDICT_DOUBTFUL,
+     "7 points crossed a symmetry plane"},
     {"torn", [](auto& f, auto&) { f.torn_edges = 3; }, v1::VERDICT_DOUBTFUL, "3 edges are torn at the boundary of the lattice"},
     {"mirrored", [](auto& f, auto&) { f.shapes = {"handle \"root\" is mirrored"}; }, v1::VERDICT_DOUBTFUL,
      "\"root\" is mirrored"},
@@ -129,7 +133,14 @@ const std::vector<Case> cases = {
      v1::VERDICT_GOOD, ""},
     {"handles_met_nearly", [](auto& f, auto&) { f.misfit = 0.0019; }, v1::VERDICT_GOOD, ""},
     {"handles_missed", [](auto& f, auto&) { f.misfit = 0.0021; }, v1::VERDICT_DOUBTFUL,
-     "handle and fixed points are missed by up to 0.0021, 0.021 of the largest prescribed displacement"},
+     "handle and fixed points are missed by up to 0.0021, 0.021 of the largest prescribed displacement: take more control "
+     "points"},
+    {"error_of_direct_manipulation",
+     [](auto& f, auto& r) {
+       f.method.manipulates_directly = true;
+       set_error(r, 0.002);
+     },
+     v1::VERDICT_BAD, "of the largest displacement: the clamp separates singular values"},
     {"handles_missed_somewhat", [](auto& f, auto&) { f.misfit = 0.049; }, v1::VERDICT_DOUBTFUL, "0.49 of the largest"},
     {"handles_missed_far", [](auto& f, auto&) { f.misfit = 0.051; }, v1::VERDICT_BAD, "0.51 of the largest"},
     {"nothing_moves", [](auto&, auto& r) { r.set_max_displacement(0.9e-7); }, v1::VERDICT_BAD,

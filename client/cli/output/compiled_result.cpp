@@ -10,15 +10,6 @@
 
 namespace deform::cli {
 
-namespace {
-
-bool directly_manipulates(const v1::Setup& setup) {
-  const v1::Method& method = setup.method();
-  return (method.has_ffd() && method.ffd().control() == v1::MESH) || (method.has_cage() && method.cage().control() == v1::MESH);
-}
-
-}  // namespace
-
 v1::DesignResult compiled_result(const compiled::Deformation& deformation, const v1::Setup& setup,
                                  std::span<const double> variables, const Mesh& mesh, const Points& points, CompiledCheck check) {
   const compiled::Content& content = deformation.content();
@@ -54,7 +45,7 @@ v1::DesignResult compiled_result(const compiled::Deformation& deformation, const
     }
   }
   const double misfit =
-      directly_manipulates(setup) ? deformation.largest_misfit(variables, std::span(points[0].data(), 3 * points.size())) : 0;
+      method.manipulates_directly ? deformation.largest_misfit(variables, std::span(points[0].data(), 3 * points.size())) : 0;
   convert::set_verdict({content.diagonal, content.condition, report.converged, 0, misfit, method, report.doubts}, result);
   return result;
 }
