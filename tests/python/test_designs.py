@@ -203,6 +203,9 @@ def test_reports(system):
     assert report.verdict == "good" and report.reasons == () and report.error is None
     assert report.max_displacement == pytest.approx(0.03) and report.prescribed_displacement == pytest.approx(0.03)
     assert report.faces.flipped == 0 and report.faces.flipped_ids == () and report.cells is None
+    assert report.faces.intersecting is None and report.points_across_symmetry == 0
+    looked = system.deform([0.03, 0], intersections=True).report
+    assert looked.faces.intersecting == 0 and looked.faces.intersecting_ids == ()
     assert 0 <= report.estimated_error < 1e-9
     plain = report.to_dict()
     assert plain["faces"]["faces"] == report.faces.faces and plain["verdict"] == "good" and plain["error"] is None

@@ -102,6 +102,7 @@ class System(DesignSpace):
         encoding: "RAW_F64", "RAW_F32", "DRACO" or "DELTA_ZSTD"; that of the client unless given.
         tolerance: largest error of a coordinate with the last two, model units; 1e-9 of the diagonal unless given.
         check: "CELL_CHECK_OFF", "SAFE_AMPLITUDE" (default) or "CELL_QUALITY", what the report says about faces and cells.
+        intersections: True looks for faces that run into each other, `report.faces.intersecting`; else that is None.
         path: "PATH_AUTOMATIC", "PATH_BASIS" or "PATH_DIRECT".
         splitting: a mode, "SPLIT_UNIFORM" or "SPLIT_ADAPTIVE", or a mapping such as {"mode": "SPLIT_ADAPTIVE", "share": 0.5}.
         solver_tolerance: of iterative solvers, a fraction of the diagonal.
