@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/deformers/plane_crossings.h"
 
-#include "core/base/number_text.h"
+#include <cstdio>
+
 #include "core/base/vectors.h"
 #include "core/deformers/handles/symmetry.h"
 
@@ -38,8 +39,10 @@ PlaneCrossings::Found PlaneCrossings::in(std::span<const Vec3> points, std::size
 }
 
 std::string crossed_planes_text(const PlaneCrossings::Found& found, std::size_t points) {
+  char distance[40];
+  std::snprintf(distance, sizeof distance, "%.3g", found.farthest.value);
   return std::to_string(found.points) + " of " + std::to_string(points) + " points crossed a symmetry plane, point " +
-         std::to_string(found.farthest.id) + " farthest, by " + number_text(found.farthest.value);
+         std::to_string(found.farthest.id) + " farthest, by " + distance;
 }
 
 }  // namespace deform

@@ -17,6 +17,7 @@
 
 #include "core/base/error.h"
 #include "core/base/run_context.h"
+#include "core/deformers/plane_crossings.h"
 #include "core/deformers/system.h"
 #include "deform/v1/deformation.pb.h"
 #include "server/engine/design_checks.h"

@@ -7,6 +7,7 @@
 #include <random>
 
 #include "core/mesh/ahmed.h"
+#include "core/mesh/inspect.h"
 #include "tests/core/measures/measure_checks.h"
 #include "tests/core/quality/surface_meshes.h"
 #include "tests/support/expect_error.h"
