@@ -18,6 +18,7 @@ constexpr double bad_error = 1e-3, doubtful_error = 1e-6;  // of the motion
 constexpr double negligible_error = 1e-12;                 // of D
 constexpr double doubtful_condition = 1e12;
 constexpr double harmless_error = 1e-8;                     // of the motion: measured, it says that such a condition did no harm
+constexpr double unrefined_error = 1e-9;                    // of the motion: told without a converged refinement, not bad
 constexpr double bad_misfit = 0.5, doubtful_misfit = 0.02;  // of the largest prescribed displacement
 constexpr double no_motion = 1e-6;                          // of the same
 constexpr double far_away = 10;                             // of D: prescribed displacements in other units than the mesh
@@ -50,12 +51,23 @@ std::string clamp_advice(const SolutionFacts& facts) {
   return ": the clamp separates singular values that are close to each other; name another `clamp`, such as 1e-4";
 }
 
+/// Whether a solution that has not converged is one of a direct solver, which has no tolerance of the user's to reach, and is
+/// told to be so accurate that it is harmless even so. In 36 designs with conditions from 8e18 to 2e21 whose refinement did not
+/// converge the true error was up to 1450 times the estimated one, and below 1e-8 of the motion where less than 1e-9 was told.
+bool only_unrefined(const SolutionFacts& facts, const v1::DesignResult& result) {
+  return !facts.converged && facts.condition > doubtful_condition && facts.method.least_squares_tolerance == 0 &&
+         facts.method.condition_effect == MethodFacts::Effect::measured && result.relative_error() <= unrefined_error;
+}
+
 void judge_solution(const SolutionFacts& facts, const v1::DesignResult& result, std::vector<Finding>& found) {
   if (!std::isfinite(result.max_displacement()) || !std::isfinite(result.estimated_error())) {
     found.emplace_back(v1::VERDICT_BAD, "points are not finite");
     return;
   }
-  if (!facts.converged) {
+  if (only_unrefined(facts, result)) {
+    found.emplace_back(v1::VERDICT_DOUBTFUL, "the refinement of the solution did not converge: the estimated error is " +
+                                                 rounded(result.estimated_error()) + ", and may be a thousand times too small");
+  } else if (!facts.converged) {
     found.emplace_back(v1::VERDICT_BAD,
                        "the solver did not reach its tolerance: the estimated error is " + rounded(result.estimated_error()));
   }

@@ -187,6 +187,31 @@ TEST_P(Verdict, IsWhatIsFound) {
 INSTANTIATE_TEST_SUITE_P(Results, Verdict, testing::ValuesIn(cases),
                          [](const auto& info) { return std::string(info.param.name); });
 
+// Direct solvers have no tolerance that could be missed; others do.
+TEST(Verdicts, ASolutionThatIsNotRefinedIsDoubtfulWhereItsErrorIsHarmless) {
+  const auto judged = [](double error, const std::function<void(SolutionFacts&)>& change) {
+    SolutionFacts facts = good_facts;
+    facts.converged = false;
+    facts.condition = 3e19;
+    facts.method.condition_effect = MethodFacts::Effect::measured;
+    change(facts);
+    v1::DesignResult result = good_result();
+    set_error(result, error);
+    set_verdict(facts, result);
+    return result;
+  };
+  const v1::DesignResult harmless = judged(0.9e-10, [](SolutionFacts&) {});
+  EXPECT_EQ(harmless.verdict(), v1::VERDICT_DOUBTFUL);
+  EXPECT_EQ(
+      harmless.reasons(0),
+      "the refinement of the solution did not converge: the estimated error is 9e-11, and may be a thousand times too small");
+  EXPECT_EQ(judged(1.1e-10, [](SolutionFacts&) {}).verdict(), v1::VERDICT_BAD);
+  EXPECT_EQ(judged(1e-13, [](SolutionFacts& f) { f.condition = 1e11; }).verdict(), v1::VERDICT_BAD) << "iterative";
+  EXPECT_EQ(judged(1e-13, [](SolutionFacts& f) { f.method.condition_effect = MethodFacts::Effect::unknown; }).verdict(),
+            v1::VERDICT_BAD);
+  EXPECT_EQ(judged(1e-13, [](SolutionFacts& f) { f.method.least_squares_tolerance = 1e-6; }).verdict(), v1::VERDICT_BAD);
+}
+
 TEST(Verdicts, AConditionThatDidNoHarmIsANote) {
   SolutionFacts facts = good_facts;
   v1::DesignResult result = good_result();

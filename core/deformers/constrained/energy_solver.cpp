@@ -44,15 +44,15 @@ EnergySolver::Problem::Problem(Problem&& other) : enforcement(other.enforcement)
 std::size_t sparse_bytes(const SparseMatrix& matrix) { return bytes_of(matrix); }
 std::size_t sparse_bytes(const SparseRows& matrix) { return bytes_of(matrix); }
 
-double multiplier_weight(const SparseMatrix& energy, const SparseMatrix& transposed) {
+Eigen::VectorXd multiplier_weights(const SparseMatrix& energy, const SparseMatrix& transposed, const Eigen::VectorXd& shares) {
   Eigen::VectorXd squares = Eigen::VectorXd::Zero(energy.rows());
   for (std::int64_t c = 0; c < transposed.outerSize(); ++c) {
-    for (SparseMatrix::InnerIterator it(transposed, c); it; ++it) squares[it.row()] += it.value() * it.value();
+    for (SparseMatrix::InnerIterator it(transposed, c); it; ++it) squares[it.row()] += shares[c] * it.value() * it.value();
   }
   const double stiffness = energy.diagonal().sum() / static_cast<double>(std::max<std::int64_t>(1, energy.rows()));
   const double touched = static_cast<double>(std::max<std::ptrdiff_t>(1, (squares.array() > 0).count()));
   const double mean = squares.sum() / touched;
-  return mean > 0 && stiffness > 0 ? multiplier_ratio * stiffness / mean : 1;
+  return (mean > 0 && stiffness > 0 ? multiplier_ratio * stiffness / mean : 1) * shares;
 }
 
 SparseMatrix EnergySolver::matrix_of(const Problem& problem) {

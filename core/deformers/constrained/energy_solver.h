@@ -84,8 +84,9 @@ class EnergySolver {
   SparseCholesky factor_;
 };
 
-/// The weight of all rows of B for multipliers, large enough for B^T B to dominate K.
-double multiplier_weight(const SparseMatrix& energy, const SparseMatrix& transposed);
+/// The weights of the rows of B for multipliers: these shares (m), each greater than zero, times a number that is large enough
+/// for B^T W B to dominate K.
+Eigen::VectorXd multiplier_weights(const SparseMatrix& energy, const SparseMatrix& transposed, const Eigen::VectorXd& shares);
 
 /// Bytes of the arrays of a sparse matrix.
 std::size_t sparse_bytes(const SparseMatrix& matrix);

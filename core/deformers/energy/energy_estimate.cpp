@@ -271,7 +271,8 @@ Estimate estimate_of(const Options& options, const Mesh& mesh, const Setup& setu
     std::vector<char> bound;
     for (const PointId id : held) bound.push_back(next[id]);
     const std::vector<Vec3> held_places = unit_places(mesh, box, held);
-    add(level_bytes(held_places, ResidualCorrection::centres_of(held_places, centres), bound), correction);
+    add(level_bytes(held_places, ResidualCorrection::centres_of(held_places, centres, ResidualCorrection::Kind::smooth), bound),
+        correction);
   }
   const PlacementBytes placement =
       placement_bytes({setup, mesh, box, constraints, constrained_points.region_of, held, following, hard});

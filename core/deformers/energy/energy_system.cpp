@@ -85,8 +85,14 @@ void EnergySystem::prepare_solver(const RunContext& context, std::size_t memory_
   } else {
     problem.coupling = transposed_rows(model_.space.functions(), model_.held);
     problem.enforcement = hard_handles() ? HandleEnforcement::multipliers : HandleEnforcement::soft;
-    problem.weights = Eigen::VectorXd::Constant(static_cast<Eigen::Index>(model_.held.size()),
-                                                hard_handles() ? multiplier_weight(problem.energy, problem.coupling) : 0.0);
+    problem.weights = Eigen::VectorXd::Ones(static_cast<Eigen::Index>(model_.held.size()));
+    if (hard_handles()) {
+      // Stored systems count points that nearly coincide one by one.
+      if (options_.misfit == MisfitRule::joins) {
+        problem.weights = ResidualCorrection::shares_of(unit_places(*mesh_, box_, model_.held), context);
+      }
+      problem.weights = multiplier_weights(problem.energy, problem.coupling, problem.weights);
+    }
     for (std::size_t j = 0; j < model_.held.size() && !hard_handles(); ++j) {
       const RegionIndex region = points_.region_of[model_.held[j]];
       const std::size_t count = region == fixed_region ? regions_.fixed.size() : regions_.handles[region].size();

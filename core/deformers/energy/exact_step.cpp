@@ -22,7 +22,8 @@ CarrierPlaces carrier_places(const CarrierInput& from) {
   result.places = unit_places(from.mesh, from.box, ids);
   // Of stored systems rounding decides which centres there are.
   const auto order = [&](std::span<const Vec3> places, std::size_t most) {
-    return joins ? ResidualCorrection::centres_of(places, most) : farthest_point_order(places, most);
+    return joins ? ResidualCorrection::centres_of(places, most, ResidualCorrection::Kind::gentle)
+                 : farthest_point_order(places, most);
   };
   const std::size_t most = ResidualCorrection::centres_for(from.following), moving = from.moving.size();
   const std::span<const Vec3> places = result.places;

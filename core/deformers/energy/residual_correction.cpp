@@ -2,15 +2,23 @@
 #include "core/deformers/energy/residual_correction.h"
 
 #include <algorithm>
+#include <cmath>
 #include <utility>
 
 #include "core/base/parallel.h"
 #include "core/deformers/handles/interpolant_tiles.h"
 #include "core/numerics/sampling/farthest_points.h"
+#include "core/numerics/sampling/point_tree.h"
 
 namespace deform {
 
 namespace {
+
+/// Of a distance over the radius, at most 1.
+double wendland_c2(double q) {
+  const double t = (1 - q) * (1 - q);
+  return t * t * (4 * q + 1);
+}
 
 std::vector<Vec3> subset(std::span<const Vec3> places, const std::vector<std::uint32_t>& which) {
   std::vector<Vec3> result;
@@ -30,21 +38,38 @@ InterpolationOptions options_of(ResidualCorrection::Kind kind) {
 
 }  // namespace
 
+Eigen::VectorXd ResidualCorrection::shares_of(std::span<const Vec3> places, const RunContext& context) {
+  constexpr std::size_t places_per_task = 1024;
+  Eigen::VectorXd result(static_cast<Eigen::Index>(places.size()));
+  const PointTree tree(places);
+  parallel_for(context, places.size(), places_per_task, [&](std::size_t begin, std::size_t end) {
+    std::vector<PointTree::Near> found;
+    for (std::size_t i = begin; i < end; ++i) {
+      tree.within(places[i], near * near, found);
+      double sum = 0;
+      for (const auto& [other, square] : found) sum += wendland_c2(std::sqrt(square) / near);
+      result[static_cast<Eigen::Index>(i)] = 1 / sum;
+    }
+  });
+  return result;
+}
+
 std::size_t ResidualCorrection::centres_for(std::size_t points) {
   constexpr std::size_t evaluations = 120'000'000;
   return std::clamp<std::size_t>(evaluations / std::max<std::size_t>(1, points), 600, 2000);
 }
 
-std::vector<std::uint32_t> ResidualCorrection::centres_of(std::span<const Vec3> places, std::size_t most) {
+std::vector<std::uint32_t> ResidualCorrection::centres_of(std::span<const Vec3> places, std::size_t most, Kind kind) {
   constexpr double alike = 1e-9;
-  return farthest_point_order(places, most, alike);
+  return farthest_point_order(places, most, alike, kind == Kind::smooth ? near : 0);
 }
 
 // Of stored systems rounding decides which centres there are.
 ResidualCorrection::ResidualCorrection(std::span<const Vec3> places, std::size_t most_centres, std::span<const char> bound,
                                        const RunContext& context)
-    : ResidualCorrection(places, bound.empty() ? farthest_point_order(places, most_centres) : centres_of(places, most_centres),
-                         Kind::smooth, bound, context) {}
+    : ResidualCorrection(
+          places, bound.empty() ? farthest_point_order(places, most_centres) : centres_of(places, most_centres, Kind::smooth),
+          Kind::smooth, bound, context) {}
 
 ResidualCorrection::ResidualCorrection(std::span<const Vec3> places, std::vector<std::uint32_t> centres, Kind kind,
                                        std::span<const char> bound, const RunContext& context)

@@ -28,11 +28,22 @@ class ResidualCorrection {
     gentle,
   };
 
+  /// Places closer than this nearly coincide, in unit coordinates: smooth interpolants have one centre for them. Their condition
+  /// grows with the inverse cube of the least distance between centres, and at 1e-6 their solutions have no digits.
+  static constexpr double near = 1e-4;
+
+  /// Of each place the share that it has among those that nearly coincide with it, in unit coordinates: 1 over the sum of
+  /// Wendland's C2 function with the radius `near` of the distances from all places. Places that coincide have equal ones, which
+  /// add up to one.
+  static Eigen::VectorXd shares_of(std::span<const Vec3> places, const RunContext& context);
+
   /// The number of centres for this number of evaluation points: 600 to 2000, more if that is cheap.
   static std::size_t centres_for(std::size_t points);
 
-  /// The centres where all points next to deformable ones are met: positions among the places.
-  static std::vector<std::uint32_t> centres_of(std::span<const Vec3> places, std::size_t most);
+  /// The centres where all points next to deformable ones are met: positions among the places, in unit coordinates. Smooth
+  /// interpolants have one of places that are closer than `near`, such as unwelded points, and points beside a symmetry plane
+  /// with their images.
+  static std::vector<std::uint32_t> centres_of(std::span<const Vec3> places, std::size_t most, Kind kind);
 
   /// `places` are all m handle and fixed points, in unit coordinates. It meets those that are `bound` (m, nonzero), or with an
   /// empty mask only the centres.

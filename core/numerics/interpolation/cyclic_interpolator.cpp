@@ -298,7 +298,7 @@ CyclicInterpolator::Solution CyclicInterpolator::refined(const MatrixXcd& B, con
     rate = size / last;
     solution.uncertainty = std::move(correction);
     if (!(rate < contracting)) {
-      solution.converged = size <= 1e-12 * X.norm();
+      solution.converged = refined_as_far_as_possible(step, size, X.norm());
       rate = contracting;
       break;
     }

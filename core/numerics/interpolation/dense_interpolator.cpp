@@ -81,8 +81,8 @@ Interpolants DenseInterpolator::solve_saddle(const Eigen::MatrixXd& B, const Run
     rate = size / last;
     solution.uncertainty = std::move(correction);
     if (!(rate < contracting)) {
-      // The factor has no correct digits, unless those that are missing are the last ones.
-      solution.converged = size <= 1e-12 * X.norm();
+      // Else the factor has no correct digits.
+      solution.converged = refined_as_far_as_possible(step, size, X.norm());
       rate = contracting;
       break;
     }

@@ -20,6 +20,12 @@ namespace deform {
 /// Steps of iterative refinement of direct solutions: two leave nothing of most systems; a factor with few correct digits takes
 /// more, each of which wins those.
 inline constexpr int usual_refinements = 2, most_refinements = 12;
+/// Whether refinement that no longer contracts has done its work: what is left are the last digits or, after the usual steps have
+/// contracted, what rounding lets no step remove. Sizes are norms of the correction that did not contract and of the solution.
+constexpr bool refined_as_far_as_possible(int step, double correction, double solution) {
+  constexpr double last_digits = 1e-12, rounding = 1e-8;
+  return correction <= (step < usual_refinements ? last_digits : rounding) * solution;
+}
 
 struct InterpolationOptions {
   RadialKernel kernel;  ///< its parity, if any, applies to values, polynomials and interpolants (not for the iterative solver)

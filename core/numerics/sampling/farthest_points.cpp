@@ -42,11 +42,11 @@ std::size_t PointCover::farthest(double alike) const {
   return first_largest(squares, alike);
 }
 
-std::vector<std::uint32_t> farthest_point_order(std::span<const Vec3> points, std::size_t count, double alike) {
+std::vector<std::uint32_t> farthest_point_order(std::span<const Vec3> points, std::size_t count, double alike, double least) {
   PointCover cover(points);
   while (cover.taken().size() < std::min(count, points.size())) {
     const std::size_t next = cover.farthest(alike);
-    if (cover.distance(next) == 0) break;
+    if (cover.distance(next) <= least) break;
     cover.take(next);
   }
   return cover.taken();

@@ -32,9 +32,10 @@ class PointCover {
 };
 
 /// The first `count` points of a farthest-point order (Gonzalez 1985; thesis 7.5): each has the largest distance to the preceding
-/// ones. Returns fewer if all remaining points coincide with earlier ones. Deterministic; O(size x count). On regular meshes many
-/// points are equally far: with `alike`, see PointCover::farthest(), rounding does not decide between them, so that the order is
-/// the same in other units.
-std::vector<std::uint32_t> farthest_point_order(std::span<const Vec3> points, std::size_t count, double alike = 0);
+/// ones. Returns fewer if all remaining points coincide with earlier ones, or are not farther from them than `least`.
+/// Deterministic; O(size x count). On regular meshes many points are equally far: with `alike`, see PointCover::farthest(),
+/// rounding does not decide between them, so that the order is the same in other units.
+std::vector<std::uint32_t> farthest_point_order(std::span<const Vec3> points, std::size_t count, double alike = 0,
+                                                double least = 0);
 
 }  // namespace deform

@@ -317,7 +317,9 @@ class Oracle {
       for (std::size_t i = 0; i < equations.rows.size(); ++i) {
         for (const auto& [j, value] : equations.rows[i]) transposed.insert(j, static_cast<std::int64_t>(i)) = value;
       }
-      equations.weights.assign(model_.held.size(), multiplier_weight(model_.space.energy, transposed));
+      const Eigen::VectorXd shares = Eigen::VectorXd::Ones(static_cast<Eigen::Index>(model_.held.size()));
+      const Eigen::VectorXd weights = multiplier_weights(model_.space.energy, transposed, shares);
+      equations.weights.assign(weights.begin(), weights.end());
     }
     return equations;
   }

@@ -72,8 +72,10 @@ TEST_P(SolverError, IsWhatItsUncertaintySays) {
     problem.coupling = random_coupling(random);
     problem.enforcement = GetParam();
     if (GetParam() != HandleEnforcement::eliminated) {
-      const double weight = GetParam() == HandleEnforcement::soft ? 1000 : multiplier_weight(problem.energy, problem.coupling);
-      problem.weights = Eigen::VectorXd::Constant(held, weight);
+      problem.weights = Eigen::VectorXd::Constant(held, 1000);
+      if (GetParam() == HandleEnforcement::multipliers) {
+        problem.weights = multiplier_weights(problem.energy, problem.coupling, Eigen::VectorXd::LinSpaced(held, 1, 0.5));
+      }
     }
     const EnergySolver solver(problem, 0, {});
     Eigen::MatrixXd h(held, 2);
@@ -100,7 +102,7 @@ TEST(MultiplierSteps, ComeToTheConstrainedMinimum) {
     problem.energy = rod(random);
     problem.coupling = random_coupling(random);
     problem.enforcement = HandleEnforcement::multipliers;
-    problem.weights = Eigen::VectorXd::Constant(held, multiplier_weight(problem.energy, problem.coupling));
+    problem.weights = multiplier_weights(problem.energy, problem.coupling, Eigen::VectorXd::Ones(held));
     Eigen::MatrixXd h(held, 1);
     for (double& x : h.reshaped()) x = std::uniform_real_distribution<double>(-1, 1)(random);
     const Eigen::MatrixXd w = EnergySolver(problem, 0, {}).solve(h, {});
