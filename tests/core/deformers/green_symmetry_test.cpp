@@ -435,24 +435,9 @@ TEST(GreenSymmetry, RefusesCagesThatTheirImagesDoNotClose) {
                      [&] { prepare(shared(test::bumpy_sheet(23, 12)), setup); });
 }
 
-/// A can around the wheel: rings of `sides` vertices per sector at both ends, and one vertex of each end on the axis.
 CageOptions green_can(const test::SectorModel& model, std::uint32_t sides, double radius) {
-  const std::uint32_t ring = sides * static_cast<std::uint32_t>(model.shape.count);
   CageOptions options = green_of({});
-  for (const double z : {-0.3, 1.2}) {
-    for (std::uint32_t i = 0; i < ring; ++i) {
-      const double angle = 2 * std::numbers::pi * i / ring + 0.1;
-      options.vertices.push_back(model.frame.point({z, radius * std::cos(angle), radius * std::sin(angle)}));
-    }
-  }
-  for (const double z : {-0.4, 1.3}) options.vertices.push_back(model.frame.point({z, 0, 0}));
-  for (std::uint32_t i = 0; i < ring; ++i) {
-    const std::uint32_t next = (i + 1) % ring;
-    options.triangles.push_back({i, next, ring + next});
-    options.triangles.push_back({i, ring + next, ring + i});
-    options.triangles.push_back({2 * ring, next, i});
-    options.triangles.push_back({2 * ring + 1, ring + i, ring + next});
-  }
+  test::make_can(model, sides, radius, options);
   return options;
 }
 

@@ -96,25 +96,10 @@ TEST(SectorControls, EverySectorHasAnImageOfTheLattice) {
   }
 }
 
-/// A can around the wheel: rings of `sides` vertices per sector at both ends, and one vertex of each end on the axis.
 CageOptions can(const SectorModel& model, std::uint32_t sides) {
-  const std::uint32_t ring = sides * static_cast<std::uint32_t>(model.shape.count);
   CageOptions options;
   options.basis = BasisMode::always;
-  for (const double z : {-0.3, 1.2}) {
-    for (std::uint32_t i = 0; i < ring; ++i) {
-      const double angle = 2 * std::numbers::pi * i / ring + 0.1;
-      options.vertices.push_back(model.frame.point({z, 1.5 * std::cos(angle), 1.5 * std::sin(angle)}));
-    }
-  }
-  for (const double z : {-0.4, 1.3}) options.vertices.push_back(model.frame.point({z, 0, 0}));
-  for (std::uint32_t i = 0; i < ring; ++i) {
-    const std::uint32_t next = (i + 1) % ring;
-    options.triangles.push_back({i, next, ring + next});
-    options.triangles.push_back({i, ring + next, ring + i});
-    options.triangles.push_back({2 * ring, next, i});
-    options.triangles.push_back({2 * ring + 1, ring + i, ring + next});
-  }
+  test::make_can(model, sides, 1.5, options);
   return options;
 }
 
