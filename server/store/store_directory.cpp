@@ -7,9 +7,11 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
+#include <chrono>
 #include <cstring>
 #include <string>
 #include <string_view>
+#include <thread>
 #include <vector>
 
 #include "core/base/error.h"
@@ -148,11 +150,26 @@ void examine(const fs::path& root, StoreDirectory::Accept accept, const std::str
 
 enum class Lock { alone, shared };
 
+using std::chrono_literals::operator""ms;
+
+/// A server that was killed holds its lock until the kernel has taken its memory apart: a second for some gigabytes. Who starts
+/// the next one at once need not know that.
+constexpr std::chrono::milliseconds lock_patience = 3000ms;
+constexpr std::chrono::milliseconds lock_pause = 50ms;
+
 int lock(const fs::path& root, Lock how, FileSystem& files) {
   const fs::path file = root / "lock";
   const int descriptor = files.open(file, O_RDWR | O_CREAT | O_NOFOLLOW);
   if (descriptor < 0) fail_on("open", file);
-  if ((how == Lock::alone ? files.lock(descriptor) : files.lock_shared(descriptor)) != 0) {
+  const auto locks = [&] { return (how == Lock::alone ? files.lock(descriptor) : files.lock_shared(descriptor)) == 0; };
+  bool locked = locks();
+  for (auto waited = 0ms; !locked && errno == EWOULDBLOCK && waited < lock_patience; waited += lock_pause) {
+    if (waited == 0ms)
+      spdlog::info("store: {} is in use by another process; waiting for up to {} s", root.string(), lock_patience / 1000ms);
+    std::this_thread::sleep_for(lock_pause);
+    locked = locks();
+  }
+  if (!locked) {
     if (how == Lock::shared && errno != EWOULDBLOCK) {
       // The mark keeps servers that want it alone away, too.
       spdlog::warn("store: {} cannot be locked: {}", file.string(), std::strerror(errno));

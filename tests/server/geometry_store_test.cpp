@@ -100,6 +100,15 @@ TEST_F(GeometryStoreTest, a_second_process_is_refused) {
   EXPECT_NO_THROW(GeometryStore(directory.path()));
 }
 
+TEST_F(GeometryStoreTest, one_whose_lock_outlives_it_for_a_moment_is_waited_for) {
+  std::thread dying([&] {
+    std::this_thread::sleep_for(std::chrono::milliseconds(300));
+    store.reset();
+  });
+  EXPECT_NO_THROW(GeometryStore(directory.path()));
+  dying.join();
+}
+
 TEST_F(GeometryStoreTest, leftovers_of_interrupted_uploads_are_collected) {
   const std::string id = put(mesh), other = std::string(64, 'b');
   const std::int64_t intent = store->catalog().begin({Intent::Kind::put, {{Intent::What::geometry, other, 7, {}}}});
