@@ -5,14 +5,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <thread>
 #include <utility>
 
 #include "core/base/control_group.h"
-#include "core/base/number_text.h"
 #include "core/base/version.h"
 #include "core/deformers/handle_shapes.h"
-#include "core/deformers/methods.h"
 #include "proto/convert/base/block.h"
 #include "proto/convert/base/fields.h"
 #include "proto/convert/design.h"
@@ -68,43 +65,6 @@ std::unique_ptr<Store> open_store(const EngineOptions& options) {
   shared.store = store_options(options);
   return std::make_unique<SharedStore>(options.data_dir, open_postgres_catalog(postgres), shared);
 }
-
-constexpr const char* less_memory =
-    "use fewer handle and fixed points, smaller regions of constraints, reduce the centres (reduction), store no basis "
-    "(BASIS_NEVER), or raise the server's memory budget";
-
-/// Of a description of a system with its setup; the reply around it stays below 1 MiB.
-constexpr std::size_t largest_info = 1'000'000;
-
-v1::SystemInfo without_large_setup(const v1::SystemInfo& info) {
-  v1::SystemInfo told = info;
-  if (told.ByteSizeLong() > largest_info) told.clear_setup();
-  return told;
-}
-
-/// What a setup takes in memory; of small ones nothing is counted, as of everything else that each call has.
-std::size_t setup_bytes(const v1::Setup& setup) {
-  constexpr std::size_t small = 64 << 10;
-  const std::size_t bytes = setup.SpaceUsedLong();
-  return bytes > small ? bytes : 0;
-}
-
-const ChargePurpose setup_purpose{"reading the setup", "select fewer points by their ids, or raise the server's memory budget",
-                                  0};
-
-/// In the log, at the level debug: so that those of several servers show who prepared what when.
-class NotedPreparation {
- public:
-  explicit NotedPreparation(std::string system) : system_(std::move(system)) {
-    spdlog::debug("engine: begins to prepare system {}", system_);
-  }
-  ~NotedPreparation() { spdlog::debug("engine: ends preparing system {}", system_); }
-  NotedPreparation(const NotedPreparation&) = delete;
-  NotedPreparation& operator=(const NotedPreparation&) = delete;
-
- private:
-  const std::string system_;
-};
 
 /// What detecting on a mesh takes at most beside the mesh.
 std::size_t detect_bytes(const Mesh& mesh) {
@@ -178,11 +138,11 @@ std::unique_ptr<Engine> Engine::open(const EngineOptions& options) { return std:
 EngineImpl::EngineImpl(const EngineOptions& options)
     : options_(effective(options)),
       memory_(options_.memory_budget),
-      selections_(options_.memory_budget / 4),
       store_(open_store(options_)),
       bases_(*store_, memory_),
       meshes_(options_.memory_budget / 8, [this](const std::string& key) { return load_mesh(*owned_id(key)); }),
       scheduler_(scheduler_options(options_)),
+      factory_({options_, memory_, *store_, bases_, meshes_, scheduler_}),
       cache_(std::make_shared<SystemCache>(
           options_.cache_budget,
           [this](const std::string& client, const void* owner, double seconds, std::function<void()> work) {
@@ -256,45 +216,6 @@ std::shared_ptr<const Points> EngineImpl::get_points(const std::string& id, cons
 
 // ---- systems ----
 
-EngineImpl::RecipePtr EngineImpl::recipe(const v1::Setup& setup, const std::string& tenant) {
-  if (setup.geometry().empty()) throw Error(ErrorCode::invalid_argument, "geometry: must not be empty");
-  auto recipe = std::make_shared<Recipe>();
-  // At once: with its kernel, canonical, its bytes, and as a Setup.
-  recipe->charge = memory_.charge(4 * setup_bytes(setup), setup_purpose);
-  convert::setup_from_proto(setup, options_.max_handles);  // refuses what has no canonical form
-  const OwnedId geometry = store_->resolve_geometry(tenant, setup.geometry());
-  recipe->canonical = convert::canonical_setup(convert::with_kernel(setup, store_->info(geometry)), geometry.id);
-  recipe->id = {tenant, convert::system_id(recipe->canonical)};
-  recipe->charge.shrink(2 * setup_bytes(recipe->canonical));
-  return recipe;
-}
-
-Problems EngineImpl::problems_of(const v1::Setup& message, const std::string& tenant, const RunContext& context) {
-  Problems problems(Problems::Mode::collect);
-  const Setup setup = convert::setup_from_proto(message, options_.max_handles, problems);
-  problems.check("geometry", [&] {
-    if (message.geometry().empty()) throw Error(ErrorCode::invalid_argument, "geometry: must not be empty");
-  });
-  if (message.geometry().empty()) return problems;
-  find_problems(*mesh_of(store_->resolve_geometry(tenant, message.geometry())), setup, problems, context);
-  return problems;
-}
-
-RunContext EngineImpl::charged(RunContext context, SelectionCharge& charge, const std::shared_ptr<OpenCall>& open) {
-  context.on_claim = [this, &charge, open](std::size_t bytes) {
-    const char* advice = "use fewer or smaller regions of constraints, or raise the server's memory budget";
-    if (charge.share.bytes() + bytes > selections_.total()) {
-      throw Error(ErrorCode::out_of_budget, "what the regions of the setup select takes more than " +
-                                                mebibytes(selections_.total()) + ", a quarter of the memory budget; " + advice);
-    }
-    const ChargePurpose purpose{"selecting the points of the setup", advice, 0};
-    selections_.grow(charge.share, bytes, purpose);
-    memory_.grow(charge.memory, bytes, purpose);
-    if (open) open->set_result_bytes(charge.memory.bytes());
-  };
-  return context;
-}
-
 v1::EstimateReply EngineImpl::estimate(const v1::EstimateRequest& request, const CallContext& call) {
   const auto estimating = std::make_shared<EstimateCall>(call);
   calls_.add(estimating);  // counts as one that computes, and ends as those do
@@ -303,124 +224,24 @@ v1::EstimateReply EngineImpl::estimate(const v1::EstimateRequest& request, const
     const Call* call;
     ~Leave() { calls.remove(call); }
   } const leave{calls_, estimating.get()};
-  return estimating->run([&](const RunContext& context) { return estimate(request, call, context); });
-}
-
-v1::EstimateReply EngineImpl::estimate(const v1::EstimateRequest& request, const CallContext& call, const RunContext& context) {
-  if (request.list_problems()) {
-    SelectionCharge charge;
-    const Problems problems = problems_of(request.setup(), call.tenant, charged(context, charge, call.open));
-    if (!problems.empty()) return convert::problems_reply(problems);
-  }
-  const RecipePtr recipe = this->recipe(request.setup(), call.tenant);
-  const auto mesh = mesh_of(recipe->geometry());
-  const Setup setup = convert::setup_from_proto(recipe->canonical, options_.max_handles);
-  SelectionCharge charge;
-  const SelectedRegions regions = validate(setup, *mesh, charged(context, charge, call.open));
-  v1::EstimateReply reply = convert::estimate_reply(deform::estimate(*mesh, setup, regions));
-  if (request.list_centres()) convert::list_centres(known_centres(*mesh, setup), reply);
-  reply.set_budget_bytes(memory_.total());
-  reply.set_fits(reply.peak_bytes() + mesh_bytes(*mesh) <= memory_.total());
-  convert::add_handles(*reply.mutable_handles(), setup, regions);
-  convert::add_setup_notes(*reply.mutable_notes(), setup, *mesh, regions);
-  convert::add_setup_hints(*reply.mutable_notes(), setup, *mesh, regions);
-  reply.set_fixed_points(regions.fixed.size());
-  reply.set_system_id(recipe->id.id);
-  reply.set_resident(cache_->contains(key_of(recipe->id)));
+  v1::EstimateReply reply =
+      estimating->run([&](const RunContext& context) { return factory_.estimate(request, call.tenant, call.open, context); });
+  reply.set_resident(cache_->contains(key_of({call.tenant, reply.system_id()})));
   return reply;
-}
-
-/// What is known of a system before it is prepared.
-struct EngineImpl::Planned {
-  std::shared_ptr<ResidentSystem> resident = std::make_shared<ResidentSystem>();
-  SelectionCharge charge;
-  SelectedRegions regions;
-  Estimate estimate;
-};
-
-std::shared_ptr<EngineImpl::Planned> EngineImpl::plan_system(const Recipe& recipe, const RunContext& context) {
-  auto planned = std::make_shared<Planned>();
-  ResidentSystem& resident = *planned->resident;
-  resident.mesh = mesh_of(recipe.geometry());
-  resident.setup = convert::setup_from_proto(recipe.canonical, options_.max_handles);
-  context.progress("select", 0);
-  planned->regions = validate(resident.setup, *resident.mesh, charged(context, planned->charge));
-  resident.crossings = PlaneCrossings(resident.setup, *resident.mesh);
-  planned->estimate = deform::estimate(*resident.mesh, resident.setup, planned->regions);
-  context.check();
-  return planned;
-}
-
-SystemCache::Prepare EngineImpl::preparation_of(RecipePtr recipe, Storing storing, const Quota& quota) {
-  return [this, recipe, storing, quota](const RunContext& context) -> SystemCache::Prepared {
-    const auto planned = plan_system(*recipe, context);
-    if (planned->estimate.seconds <= Scheduler::short_seconds) return make_system(*recipe, *planned, storing, quota, context);
-    // What waits for its turn holds no memory but its setup, and selects its points again.
-    return SystemCache::Long{planned->estimate.seconds, [this, recipe, storing, quota](const RunContext& later) {
-                               return make_system(*recipe, *plan_system(*recipe, later), storing, quota, later);
-                             }};
-  };
-}
-
-std::shared_ptr<ResidentSystem> EngineImpl::make_system(const Recipe& recipe, const Planned& planned, Storing storing,
-                                                        const Quota& quota, const RunContext& context) {
-  const auto& resident = planned.resident;
-  const Estimate& estimate = planned.estimate;
-  const auto claim = store_->claim_preparation(recipe.id, context);
-  const NotedPreparation noted(key_of(recipe.id));
-  // Its setup stays with the system, as a message and as a Setup.
-  resident->setup_bytes = 2 * setup_bytes(recipe.canonical);
-  resident->charge = memory_.charge(estimate.peak_bytes + resident->setup_bytes,
-                                    {"preparing system " + recipe.id.id.substr(0, 16), less_memory, mesh_bytes(*resident->mesh)});
-  RunContext budgeted = context;
-  budgeted.threads = std::max(1, available_cores() / static_cast<int>(std::max<std::size_t>(1, scheduler_.load().preparations)));
-  resident->system = deform::prepare(resident->mesh, resident->setup, budgeted);
-  resident->charge.shrink(resident->bytes());
-  resident->memory_return.bytes = resident->charge.bytes();
-  return_freed_memory(estimate.peak_bytes - std::min(estimate.peak_bytes, resident->system->bytes()));
-  resident->info = convert::system_info(resident->system->info(), recipe.canonical, recipe.id.id);
-  convert::add_handles(*resident->info.mutable_handles(), resident->setup, planned.regions);
-  convert::add_setup_notes(*resident->info.mutable_notes(), resident->setup, *resident->mesh, planned.regions);
-  resident->told = without_large_setup(resident->info);
-  std::int64_t created_ms = recipe.created_ms;
-  if (storing == Storing::store) {
-    created_ms = store_->put_setup({recipe.id.id, recipe.canonical.geometry(), recipe.canonical.SerializeAsString(),
-                                    resident->told.SerializeAsString(), unix_ms(), Integrity::intact, recipe.id.tenant},
-                                   quota);
-  } else {
-    require_stored(recipe.id);
-  }
-  resident->info.set_created_unix_ms(created_ms);
-  resident->told.set_created_unix_ms(created_ms);
-  double seconds = 0;
-  for (const auto& stage : resident->system->info().stage_seconds) seconds += stage.second;
-  if (seconds >= std::chrono::duration<double>(options_.stored_from).count()) bases_.keep(recipe.id, resident, quota);
-  return resident;
-}
-
-/// What was deleted while it was prepared is not served.
-void EngineImpl::require_stored(const OwnedId& id) {
-  try {
-    if (!store_->catalog().setup_ids(id.tenant, id.id, 1).empty()) return;
-  } catch (const Error& error) {
-    if (error.code() != ErrorCode::unavailable) throw;
-    return;  // known when the preparation began, and compared with the catalog again later
-  }
-  throw Error(ErrorCode::not_found, "system " + id.id + ": unknown id");
 }
 
 void EngineImpl::prepare(const v1::PrepareRequest& request, const CallContext& call,
                          std::function<void(const v1::Progress&)> on_progress,
                          std::function<void(Outcome<v1::SystemInfo>)> on_done) {
   check_open();
-  const RecipePtr recipe = this->recipe(request.setup(), call.tenant);
+  const SystemFactory::RecipePtr recipe = factory_.recipe(request.setup(), call.tenant);
   if (store_->catalog().setup_ids(call.tenant, recipe->id.id, 1).empty()) {  // before the work, not after it
     store_->require_room(0);
     store_->require_quota(call.tenant, {0, 1, recipe->canonical.ByteSizeLong()}, call.quota);
   }
   OutcomeCall<v1::SystemInfo>::Task task;
   task.system_id = recipe->id.id;
-  task.source = {preparation_of(recipe, Storing::store, call.quota), restore(recipe->id)};
+  task.source = factory_.of_setup(recipe, call.quota);
   task.brings_setup = true;
   if (on_progress) {
     task.on_progress = [on_progress](const std::string& stage, double fraction) {
@@ -455,7 +276,7 @@ v1::SystemInfo EngineImpl::stored_info(const SetupRecord& record) {
   info.set_resident(cache_->contains(key_of(owned(record))));
   info.set_created_unix_ms(record.created_ms);
   info.set_setup_bytes(record.setup.size());  // not in entries of versions before 0.3
-  if (info.ByteSizeLong() > largest_info) info.clear_setup();
+  leave_out_large_setup(info);
   return info;
 }
 
@@ -525,63 +346,9 @@ OwnedId EngineImpl::resolve_system(const std::string& tenant, const std::string&
   return is_full_id(id) && cache_->contains(key_of(owned)) ? owned : store_->resolve_setup(tenant, id);
 }
 
-SystemCache::Prepare EngineImpl::prepare_again(const OwnedId& id, const Quota& quota) {
-  return [this, id, quota](const RunContext& context) -> SystemCache::Prepared {
-    const auto record = store_->find_setup(id);
-    if (!record) throw Error(ErrorCode::not_found, "system " + id.id + ": unknown id");
-    auto recipe = std::make_shared<Recipe>();
-    recipe->id = id;
-    recipe->created_ms = record->created_ms;
-    if (!recipe->canonical.ParseFromString(record->setup)) {
-      throw Error(ErrorCode::data_loss, "catalog: the setup of system " + id.id + " is damaged");
-    }
-    recipe->charge = memory_.charge(2 * setup_bytes(recipe->canonical), setup_purpose);
-    return preparation_of(recipe, Storing::stored_already, quota)(context);
-  };
-}
-
-std::shared_ptr<ResidentSystem> EngineImpl::restored_system(const OwnedId& id, const RunContext& context) {
-  if (!bases_.contains(id)) return nullptr;
-  const auto record = store_->find_setup(id);
-  if (!record) return nullptr;
-  v1::Setup canonical;
-  auto resident = std::make_shared<ResidentSystem>();
-  if (!canonical.ParseFromString(record->setup) || !resident->told.ParseFromString(record->info)) return nullptr;
-  const Charge charge = memory_.charge(2 * setup_bytes(canonical), setup_purpose);  // of `canonical` and what is made of it
-  resident->setup = convert::setup_from_proto(canonical, options_.max_handles);
-  if (static_cast<std::size_t>(resident->told.handles_size()) != resident->setup.handles.size()) return nullptr;
-  resident->setup_bytes = 2 * setup_bytes(canonical);
-  resident->told.set_id(id.id);
-  resident->told.set_created_unix_ms(record->created_ms);
-  resident->info = resident->told;
-  *resident->info.mutable_setup() = std::move(canonical);
-  resident->mesh = mesh_of({id.tenant, record->geometry_id});
-  resident->crossings = PlaneCrossings(resident->setup, *resident->mesh);
-  resident = bases_.restore(id, std::move(resident), context);
-  if (resident) require_stored(id);
-  return resident;
-}
-
-SystemCache::Restore EngineImpl::restore(const OwnedId& id) {
-  return [this, id](const RunContext& context) -> std::shared_ptr<ResidentSystem> {
-    try {
-      return restored_system(id, context);
-    } catch (const Error& error) {
-      // What is damaged, gone or not allowed any more is for the preparation to say, or to heal.
-      const ErrorCode code = error.code();
-      if (code == ErrorCode::data_loss || code == ErrorCode::not_found || code == ErrorCode::invalid_argument) return nullptr;
-      throw;
-    }
-  };
-}
-
-SystemCache::Source EngineImpl::source_of(const OwnedId& id, Needs needs, const CallContext& call) {
-  return {prepare_again(id, call.quota), needs == Needs::basis ? restore(id) : SystemCache::Restore()};
-}
-
 std::shared_ptr<DeformJob> EngineImpl::begin_job(DeformTask task, Needs needs, const CallContext& call,
                                                  std::function<void()> on_ready) {
-  task.source = source_of({call.tenant, task.system_id}, needs, call);
+  task.source = factory_.of_stored({call.tenant, task.system_id}, needs, call.quota);
   DeformParts parts;
   parts.scheduler = &scheduler_;
   parts.cache = cache_.get();
@@ -657,7 +424,7 @@ std::shared_ptr<EvaluateJob> EngineImpl::evaluate(v1::EvaluateHeader header, con
   EvaluateTask task;
   task.system_id = resolve_system(call.tenant, header.system_id()).id;
   task.output = header.output();
-  task.source = source_of({call.tenant, task.system_id}, Needs::whole_system, call);
+  task.source = factory_.of_stored({call.tenant, task.system_id}, Needs::whole_system, call.quota);
   task.bind_bytes = [request](const ResidentSystem& system) {
     return convert::bind_bytes(*request, system.info) + system.system->info().design_bytes;
   };
@@ -704,7 +471,7 @@ void EngineImpl::vector_jacobian(const v1::VectorJacobianHeader& header, Points 
   }
   OutcomeCall<Reply>::Task task;
   task.system_id = resolve_system(call.tenant, header.system_id()).id;
-  task.source = source_of({call.tenant, task.system_id}, Needs::basis, call);
+  task.source = factory_.of_stored({call.tenant, task.system_id}, Needs::basis, call.quota);
   // As they came, one by one, at the following points, and as the columns of sums.
   const std::size_t bytes = (count == 1 ? 2 : 4) * cotangents.size() * sizeof(Vec3);
   const auto charge = std::make_shared<Charge>(
@@ -753,7 +520,7 @@ void EngineImpl::get_basis(const v1::GetBasisRequest& request, const CallContext
   }
   BasisCall::Task task;
   task.system_id = resolve_system(call.tenant, request.system_id()).id;
-  task.source = source_of({call.tenant, task.system_id}, Needs::basis, call);
+  task.source = factory_.of_stored({call.tenant, task.system_id}, Needs::basis, call.quota);
   task.compute = [this, tenant = call.tenant, mesh = request.mesh()](const SystemCache::Handle& system,
                                                                      const RunContext&) -> std::shared_ptr<BasisRecords> {
     Charge charge = memory_.charge(

@@ -14,6 +14,7 @@
 #include "server/engine/scheduler.h"
 #include "server/engine/stored_bases.h"
 #include "server/engine/system_cache.h"
+#include "server/engine/system_factory.h"
 #include "server/store/store.h"
 
 namespace deform::server {
@@ -67,38 +68,8 @@ class EngineImpl : public Engine {
   bool drain(std::chrono::milliseconds limit) override;
 
  private:
-  /// A setup about to be prepared or estimated.
-  struct Recipe {
-    OwnedId id;
-    v1::Setup canonical;
-    std::int64_t created_ms = 0;  ///< of one that is stored
-    Charge charge;                ///< of `canonical` and the Setup that is made of it
-    OwnedId geometry() const { return {id.tenant, canonical.geometry()}; }
-  };
-  using RecipePtr = std::shared_ptr<const Recipe>;  // shared by all steps of a preparation
-  enum class Storing { store, stored_already };
+  using Needs = SystemFactory::Needs;
 
-  RecipePtr recipe(const v1::Setup& setup, const std::string& tenant);
-  Problems problems_of(const v1::Setup& message, const std::string& tenant, const RunContext& context);
-  /// What the regions of a setup select is charged twice: to the memory, and to the part of it that all selections share.
-  struct SelectionCharge {
-    Charge share, memory;
-  };
-  /// The context, with which selecting is charged.
-  RunContext charged(RunContext context, SelectionCharge& charge, const std::shared_ptr<OpenCall>& open = nullptr);
-  v1::EstimateReply estimate(const v1::EstimateRequest& request, const CallContext& call, const RunContext& context);
-  struct Planned;
-  std::shared_ptr<Planned> plan_system(const Recipe& recipe, const RunContext& context);
-  std::shared_ptr<ResidentSystem> make_system(const Recipe& recipe, const Planned& planned, Storing storing, const Quota& quota,
-                                              const RunContext& context);
-  /// What takes long is planned first and then waits for its turn.
-  SystemCache::Prepare preparation_of(RecipePtr recipe, Storing storing, const Quota& quota);
-  SystemCache::Prepare prepare_again(const OwnedId& id, const Quota& quota);
-  /// Of what the store has of it; null where its setup or its basis is not stored.
-  std::shared_ptr<ResidentSystem> restored_system(const OwnedId& id, const RunContext& context);
-  SystemCache::Restore restore(const OwnedId& id);
-  enum class Needs { whole_system, basis };
-  SystemCache::Source source_of(const OwnedId& id, Needs needs, const CallContext& call);
   OwnedId resolve_system(const std::string& tenant, const std::string& id);
   RowsGone forget_in(SystemCache::Forgotten& forgotten);
   std::shared_ptr<const Mesh> mesh_of(const OwnedId& geometry) { return meshes_.get(key_of(geometry)); }
@@ -107,13 +78,11 @@ class EngineImpl : public Engine {
   v1::SystemInfo stored_info(const SetupRecord& record);
   std::shared_ptr<DeformJob> begin_job(DeformTask task, Needs needs, const CallContext& call, std::function<void()> on_ready);
   void check_open() const;
-  void require_stored(const OwnedId& id);
   Catalog::Counts counts();
 
   const EngineOptions options_;  // without zeros: defaults are filled in
   const RunContext::Clock::time_point opened_ = RunContext::Clock::now();
   MemoryBudget memory_;
-  MemoryBudget selections_;
   const std::unique_ptr<Store> store_;
   std::mutex counts_mutex_;
   Catalog::Counts counts_;  // under counts_mutex_: the last ones that could be read
@@ -121,6 +90,7 @@ class EngineImpl : public Engine {
   MeshCache meshes_;
   Scheduler scheduler_;
   CallRegistry calls_;
+  SystemFactory factory_;
   const std::shared_ptr<SystemCache> cache_;
   std::atomic<std::uint64_t> designs_served_{0};
 };
