@@ -24,8 +24,8 @@ class StoreDirectory {
 
   /// Makes the folder when it is missing or empty, marks it, and makes the folders inside. Throws Error(failed_precondition) for
   /// a folder of something else, which stays as it is, and for stores of later versions; Error(unavailable) when another process
-  /// has the store and does not give it up within 3 s, or it cannot be written. `catalog`: the identity of the SharedCatalog that says what is in it; empty for a
-  /// store that has its own. Each refuses the folders of the other.
+  /// has the store and does not give it up within 3 s, or it cannot be written. `catalog`: the identity of the SharedCatalog that
+  /// says what is in it; empty for a store that has its own. Each refuses the folders of the other.
   StoreDirectory(const std::filesystem::path& root, Accept accept, FileSystem& files, const std::string& catalog = {});
   ~StoreDirectory();
   StoreDirectory(const StoreDirectory&) = delete;
