@@ -62,4 +62,9 @@ inline constexpr double displacement_ratio_to_warn = 1.5;
 std::optional<std::string> displacement_warning(const Extreme& largest, double prescribed, double diagonal,
                                                 const std::string& cause = {});
 
+/// The same of points that are not the mesh's, of which `place` moves most: in one sentence, with how far it lies outside of the
+/// box of the mesh, where methods extrapolate.
+std::optional<std::string> displacement_warning_elsewhere(const Extreme& largest, const Vec3& place, double prescribed,
+                                                          const Box& mesh);
+
 }  // namespace deform

@@ -89,6 +89,7 @@ void EvaluateCall::start(const SystemCache::Handle& system) {
 std::shared_ptr<EvaluateCall::Bound> EvaluateCall::bind(const SystemCache::Handle& system, int threads) {
   auto bound = std::make_shared<Bound>();
   bound->system = system;
+  bound->box = bounding_box(system->mesh->points);
   bound->output = convert::encode_options(task_.output, system->info.diagonal());
   const System::SpaceBytes space = system->system->space_bytes(most_points);
   // Of a block: as it came, decoded, moved, encoded (integers and bytes), and what evaluating takes.
@@ -185,6 +186,7 @@ EvaluateCall::StepResult EvaluateCall::make_step(const Bound& bound, std::size_t
   const double evaluated = thread_cpu_ms();
   const Extreme largest = largest_displacement(moved, points);
   result.displacement = {largest.value, largest.id + static_cast<std::size_t>(first)};
+  result.place = points[largest.id];
   result.block = codec::encode(points, moved, bound.output);
   result.solve_ms = evaluated - read;
   result.encode_ms = read - begun + thread_cpu_ms() - evaluated;
@@ -195,7 +197,10 @@ void EvaluateCall::release(std::size_t number, StepResult&& result) {
   checksum_.add(result.block.checksum);
   sums_.set_max_error(std::max(sums_.max_error(), result.block.max_error));
   sums_.set_blocks_fell_back(sums_.blocks_fell_back() + (result.block.fell_back ? 1 : 0));
-  sums_.set_max_displacement(std::max(sums_.max_displacement(), result.displacement.value));
+  if (result.displacement.value > displacement_.value) {
+    displacement_ = result.displacement;
+    place_ = result.place;
+  }
   sums_.set_still(sums_.still() + result.told.still);
   sums_.set_sums_error(std::max(sums_.sums_error(), result.told.sums_error));
   stats_.bytes += result.block.bytes.size();
@@ -225,6 +230,7 @@ void EvaluateCall::push_result_when_done() {
   result = std::move(sums_);
   const DesignReport& report = bound_->map->report();
   result.set_points(points_);
+  result.set_max_displacement(displacement_.value);
   result.set_checksum(checksum_.value());
   result.set_interpolation_residual(report.interpolation_residual);
   result.set_estimated_error(report.error);
@@ -232,6 +238,9 @@ void EvaluateCall::push_result_when_done() {
   for (const std::string& warning : report.warnings) result.add_warnings(warning);
   const std::string given_up = convert::given_up_warning(report, bound_->system->setup);
   if (!given_up.empty()) result.add_warnings(given_up);
+  if (const auto warning = displacement_warning_elsewhere(displacement_, place_, report.prescribed_displacement, bound_->box)) {
+    result.add_warnings(*warning);
+  }
   result.set_queue_ms(stats_.queue_ms);
   result.set_bind_ms(bind_ms_);
   result.set_solve_ms(stats_.solve_ms - bind_ms_);

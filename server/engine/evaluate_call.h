@@ -60,12 +60,14 @@ class EvaluateCall : public QueuedCall<v1::EvaluateReply> {
     SystemCache::Handle system;
     std::unique_ptr<const SpaceMap> map;
     codec::EncodeOptions output;
+    Box box;  ///< of the mesh at rest
     Charge charge;
   };
   struct StepResult {
     codec::Block block;
     std::uint64_t first = 0;
     Extreme displacement;
+    Vec3 place{};  ///< of the point that moves most, at rest
     SpaceMap::Told told;
     double solve_ms = 0, encode_ms = 0;
   };
@@ -106,6 +108,8 @@ class EvaluateCall : public QueuedCall<v1::EvaluateReply> {
   double bind_ms_ = 0;
   codec::ChecksumFold checksum_;
   v1::EvaluateResult sums_;  // what is gathered over the blocks
+  Extreme displacement_;     // the largest, and where that point is at rest
+  Vec3 place_{};
 };
 
 /// What the client holds: letting go of it cancels.

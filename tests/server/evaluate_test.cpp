@@ -194,6 +194,22 @@ TEST_P(Evaluate, RegisteredPointsGoWhereDeformPutsThem) {
   EXPECT_EQ(answer.result->estimated_error(), error);
 }
 
+TEST_P(Evaluate, FarAwayWhereTheMethodExtrapolatesItSaysSo) {
+  std::vector<Vec3> points = places(50'000);
+  const auto near = call({header(), block({points.begin(), points.begin() + 40'000}, 0, 0),
+                          block({points.begin() + 40'000, points.end()}, 1, 40'000)});
+  ASSERT_TRUE(near.result);
+  EXPECT_TRUE(near.result->warnings().empty()) << near.result->warnings(0);
+  points[45'678] = {1, 300, 0};  // the sheet ends at y = 1; D is sqrt(2)
+  const auto far = call({header(), block({points.begin(), points.begin() + 40'000}, 0, 0),
+                         block({points.begin() + 40'000, points.end()}, 1, 40'000)});
+  ASSERT_TRUE(far.result);
+  ASSERT_EQ(far.result->warnings_size(), 1);
+  for (const char* words : {"point 45678 moves", "it lies 299 (2.1e+02 D) outside of the box of the mesh"}) {
+    EXPECT_NE(far.result->warnings(0).find(words), std::string::npos) << far.result->warnings(0);
+  }
+}
+
 TEST_P(Evaluate, EncodingsOfBothSides) {
   const std::vector<Vec3> points = places(5000);
   const Answer wide = call({header(), block(points, 0, 0)});

@@ -52,5 +52,19 @@ TEST(DisplacementWarning, NoneForRoundingOrWhereNothingWasTold) {
   EXPECT_TRUE(displacement_warning({1, 0}, 1e-6, 1));
 }
 
+TEST(Displacement, warnings_at_other_points_say_how_far_outside_of_the_mesh_they_are) {
+  Box box;
+  box.add({0, 0, 0});
+  box.add({3, 4, 0});
+  const auto outside = displacement_warning_elsewhere({2, 7}, {-6, 12, 0}, 0.5, box);
+  ASSERT_TRUE(outside);
+  EXPECT_EQ(outside->find("point 7 moves 2, 4.0 times the largest prescribed displacement (0.5): it lies 10 (2 D) outside"), 0u)
+      << *outside;
+  const auto inside = displacement_warning_elsewhere({2, 7}, {1, 1, 0}, 0.5, box);
+  ASSERT_TRUE(inside);
+  EXPECT_NE(inside->find("folded"), std::string::npos) << *inside;
+  EXPECT_FALSE(displacement_warning_elsewhere({0.7, 7}, {-6, 12, 0}, 0.5, box));
+}
+
 }  // namespace
 }  // namespace deform
