@@ -2,6 +2,7 @@
 #include "core/quality/face_intersections.h"
 
 #include <algorithm>
+#include <limits>
 #include <string>
 #include <utility>
 
@@ -18,6 +19,7 @@ namespace {
 constexpr std::size_t grain = 1024;  // faces
 /// A triangle that intersects more at rest is taken to intersect whatever is near it.
 constexpr std::size_t most_partners = 32;
+constexpr double alike = 1e-9;  // of the area of a polygon: triangles that are not told apart
 
 void check_size(std::span<const Vec3> points, std::size_t expected) {
   if (points.size() == expected) return;
@@ -25,26 +27,35 @@ void check_size(std::span<const Vec3> points, std::size_t expected) {
               "points: " + std::to_string(points.size()) + ", expected " + std::to_string(expected) + ", those of the mesh");
 }
 
-/// Whether the triangles of the fan around a corner all face the way of the polygon.
-bool faces_one_way(std::span<const PointId> corners, std::span<const Vec3> rest, std::size_t apex, const Vec3& area) {
+/// The least area of the triangles of the fan around a corner, as a fraction of the area of the polygon and negative where it
+/// faces the other way.
+double least_area_of_fan(std::span<const PointId> corners, std::span<const Vec3> rest, std::size_t apex, const Vec3& area) {
   const std::size_t size = corners.size();
   const Vec3& a = rest[corners[apex]];
+  double least = std::numeric_limits<double>::infinity();
   for (std::size_t i = 1; i + 1 < size; ++i) {
     const Vec3 &b = rest[corners[(apex + i) % size]], &c = rest[corners[(apex + i + 1) % size]];
-    if (!(dot(cross(b - a, c - a), area) > 0)) return false;
+    least = std::min(least, dot(cross(b - a, c - a), area));
   }
-  return true;
+  return least / dot(area, area);
 }
 
+// The corners of straight quadratic faces are no such apex: two triangles of their fans have an area that is rounding, and turn
+// over as soon as an edge bends.
 std::size_t apex_of_fan(std::span<const PointId> corners, std::span<const Vec3> rest) {
   if (corners.size() == 3) return 0;
   Vec3 area{};
   const Vec3& origin = rest[corners[0]];
   for (std::size_t i = 2; i < corners.size(); ++i) area = area + cross(rest[corners[i - 1]] - origin, rest[corners[i]] - origin);
+  std::size_t best = 0;
+  double largest = -std::numeric_limits<double>::infinity();
   for (std::size_t apex = 0; apex < corners.size(); ++apex) {
-    if (faces_one_way(corners, rest, apex, area)) return apex;
+    const double least = least_area_of_fan(corners, rest, apex, area);
+    if (!(least > largest + alike)) continue;  // nor without any area
+    largest = least;
+    best = apex;
   }
-  return 0;
+  return best;
 }
 
 }  // namespace

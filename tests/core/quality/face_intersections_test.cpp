@@ -5,9 +5,11 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numbers>
 #include <set>
+#include <vector>
 
 #include "core/base/vectors.h"
 #include "core/mesh/ahmed.h"
@@ -121,6 +123,54 @@ TEST(IntersectingFaces, OfPolygonsThatAreNotConvex) {
     test::add_face(mesh, {first, (first + 1) % 4, (first + 2) % 4, (first + 3) % 4});
     test::add_face(mesh, {1, 3, 2});
     EXPECT_THAT(intersecting_faces(mesh), IsEmpty()) << first;
+  }
+}
+
+/// A plane sheet of faces with a mid-edge node on each edge, where rounding puts it: of squares, or of triangles.
+Mesh quadratic_sheet(bool triangles) {
+  constexpr std::size_t n = 9, row = 2 * n + 1;
+  Mesh mesh;
+  for (std::size_t i = 0; i < row * row; ++i) {
+    const double u = static_cast<double>(i % row) / 0.7 / row, v = static_cast<double>(i / row) / 1.3 / row;
+    mesh.points.push_back({0.3 * u - 0.9 * v, 0.2 + 0.8 * u + 0.1 * v, 0.37 * u + 0.11 * v});
+  }
+  const auto add = [&](std::vector<std::array<std::size_t, 2>> corners) {
+    std::vector<PointId> polygon;
+    for (std::size_t k = 0; k < corners.size(); ++k) {
+      const auto& [i, j] = corners[k];
+      const auto& [x, y] = corners[(k + 1) % corners.size()];
+      polygon.push_back(static_cast<PointId>(j * row + i));
+      polygon.push_back(static_cast<PointId>((j + y) / 2 * row + (i + x) / 2));
+    }
+    for (const PointId point : polygon) mesh.face_points.push_back(point);
+    mesh.face_sizes.push_back(static_cast<std::uint32_t>(polygon.size()));
+  };
+  for (std::size_t j = 0; j + 2 < row; j += 2) {
+    for (std::size_t i = 0; i + 2 < row; i += 2) {
+      if (triangles) {
+        add({{i, j}, {i + 2, j}, {i + 2, j + 2}});
+        add({{i, j}, {i + 2, j + 2}, {i, j + 2}});
+      } else {
+        add({{i, j}, {i + 2, j}, {i + 2, j + 2}, {i, j + 2}});
+      }
+    }
+  }
+  return mesh;
+}
+
+TEST(IntersectionCheck, OfQuadraticFacesWhoseEdgesBendInTheirPlane) {
+  for (const bool triangles : {true, false}) {
+    const Mesh mesh = quadratic_sheet(triangles);
+    const IntersectionCheck check(mesh, mesh.points);
+    EXPECT_THAT(check.at_rest(), IsEmpty());
+    for (const double by : {1e-12, 1e-6, 1e-3, 0.1}) {
+      Points moved = mesh.points;
+      for (Vec3& p : moved) {
+        const double u = 3 * p[0] + 7 * p[1];
+        p = p + (by * std::sin(u)) * Vec3{0.3, 0.8, 0.37} + (by * std::cos(1.3 * u)) * Vec3{-0.9, 0.1, 0.11};
+      }
+      EXPECT_THAT(ids(check.appeared(moved)), IsEmpty()) << triangles << ' ' << by;
+    }
   }
 }
 
