@@ -58,6 +58,24 @@ void in_parts(std::size_t count, int threads, std::size_t least, const Work& wor
   }
 }
 
+/// The file has no offsets of planes, but says which points lie on them.
+PlaneSides sides_of(const Content& content) {
+  constexpr double tolerance = 1e-9;  // fraction of D, of the points of a plane
+  std::vector<PlaneSides::Side> sides;
+  for (std::uint32_t k = 0; k < content.planes; ++k) {
+    const Vec3& normal = content.plane_axes[k];
+    double least = std::numeric_limits<double>::infinity(), greatest = -least;
+    for (std::size_t i = 0; i < content.points(); ++i) {
+      if ((content.on_planes[i] >> k & 1u) == 0) continue;
+      const double coordinate = dot(normal, content.rest[i]);
+      least = std::min(least, coordinate);
+      greatest = std::max(greatest, coordinate);
+    }
+    if (least <= greatest) sides.push_back({normal, -(least + greatest) / 2, content.reach[k] + tolerance * content.diagonal});
+  }
+  return PlaneSides(std::move(sides));
+}
+
 }  // namespace
 
 /// Designs whose coefficients are there.
@@ -91,6 +109,7 @@ Deformation::Deformation(Content content) : content_(std::move(content)) {
     }
     turned_.push_back(basis.components == turned_components);
   }
+  sides_ = sides_of(content_);
 }
 
 Deformation Deformation::load(const std::filesystem::path& file) { return Deformation(read_content(file)); }

@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "core/base/plane_sides.h"
 #include "core/compiled/content.h"
 
 namespace deform::compiled {
@@ -70,6 +71,9 @@ class Deformation {
   /// Checks a design and says how wrong its points may be.
   Report report(std::span<const double> variables) const;
 
+  /// On which side of the symmetry planes points stay; planes on which no point lies are left out.
+  const PlaneSides& sides() const { return sides_; }
+
   /// The largest distance of a handle or fixed point from where the variables send it, model units; 0 where handles select
   /// control points. points: x y z of all points, as evaluate() gives them. Throws what evaluate() throws, and
   /// Error(invalid_argument) for a wrong number of points.
@@ -121,6 +125,7 @@ class Deformation {
   std::vector<std::vector<Drive>> drives_;            ///< of each handle, in the order of the variables
   std::vector<std::vector<std::size_t>> components_;  ///< of each basis
   std::vector<bool> turned_;                          ///< of each basis, see turned_components
+  PlaneSides sides_;
 };
 
 }  // namespace deform::compiled

@@ -176,13 +176,13 @@ DeformCall::StepResult DeformCall::make_step(const Bound& bound, std::size_t ste
     context.check();
     codec::Block& block = result.blocks.emplace_back();
     Extreme& displacement = result.displacements.emplace_back();
-    PlaneCrossings::Found& crossings = result.crossings.emplace_back();
+    PlaneSides::Crossings& crossings = result.crossings.emplace_back();
     if (whole != nullptr && whole->failed.contains(d)) continue;
     const std::span<const Vec3> points(deformed[d], count);
     if (bound.values == DeformTask::Values::positions) {
       const Extreme largest = largest_displacement(points, registered);
       displacement = {largest.value, largest.id + first};
-      crossings = bound.system->crossings.in(points, first);
+      crossings = bound.system->sides.crossings(points, first);
     }
     block = codec::encode(registered, points, bound.output);
     result.bytes += block.bytes.size();

@@ -88,7 +88,7 @@ class DeformCall : public QueuedCall<v1::DeformReply> {
     std::shared_ptr<WholeDesigns> whole;  ///< of the step that makes them
     std::vector<codec::Block> blocks;
     std::vector<Extreme> displacements;            ///< the largest of the block
-    std::vector<PlaneCrossings::Found> crossings;  ///< in the block
+    std::vector<PlaneSides::Crossings> crossings;  ///< in the block
     std::size_t bytes = 0;
     double solve_ms = 0, encode_ms = 0;
   };

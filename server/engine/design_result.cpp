@@ -9,7 +9,7 @@
 
 namespace deform::server {
 
-void DeliveredDesign::add(const codec::Block& block, const Extreme& largest_displacement, const PlaneCrossings::Found& crossed) {
+void DeliveredDesign::add(const codec::Block& block, const Extreme& largest_displacement, const PlaneSides::Crossings& crossed) {
   checksums.push_back(block.checksum);
   max_error = std::max(max_error, block.max_error);
   if (largest_displacement.value > displacement.value) displacement = largest_displacement;
@@ -35,7 +35,7 @@ v1::DesignResult design_result(const DeliveredDesign& delivered, const DesignRep
     result.add_warnings(*warning);
   }
   for (const std::string& warning : report.warnings) result.add_warnings(warning);
-  if (delivered.crossings.points > 0) result.add_warnings(crossed_planes_text(delivered.crossings, info.points()));
+  if (delivered.crossings.points > 0) result.add_warnings(delivered.crossings.text(info.points()));
   if (setup.constraints.empty()) return result;
   *result.mutable_constraints() = convert::constraints_report(report, setup);
   if (const std::string warning = convert::given_up_warning(report, setup); !warning.empty()) result.add_warnings(warning);

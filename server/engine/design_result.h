@@ -5,8 +5,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "core/base/plane_sides.h"
 #include "core/codec/block.h"
-#include "core/deformers/plane_crossings.h"
 #include "core/deformers/system.h"
 #include "core/quality/extreme.h"
 #include "deform/v1/deformation.pb.h"
@@ -17,11 +17,11 @@ namespace deform::server {
 struct DeliveredDesign {
   std::vector<std::uint64_t> checksums;  ///< of its blocks, in order
   Extreme displacement;                  ///< largest so far, model units, and the point that has it
-  PlaneCrossings::Found crossings;       ///< so far
+  PlaneSides::Crossings crossings;       ///< so far
   double max_error = 0;                  ///< of the encoding, per coordinate
   std::uint32_t fell_back = 0;           ///< blocks
 
-  void add(const codec::Block& block, const Extreme& largest_displacement, const PlaneCrossings::Found& crossed);
+  void add(const codec::Block& block, const Extreme& largest_displacement, const PlaneSides::Crossings& crossed);
 };
 
 /// The reply about a design all of whose blocks have been made, but for its number and what checks found. `info`: of

@@ -17,7 +17,7 @@
 
 #include "core/base/error.h"
 #include "core/base/run_context.h"
-#include "core/deformers/plane_crossings.h"
+#include "core/deformers/symmetry_sides.h"
 #include "core/deformers/system.h"
 #include "deform/v1/deformation.pb.h"
 #include "server/engine/design_checks.h"
@@ -43,7 +43,7 @@ struct ResidentSystem {
   v1::SystemInfo told;          ///< the same without the setup where an answer would be too large with it
   std::size_t setup_bytes = 0;  ///< of a large setup, as it is kept
   Charge charge;                ///< of bytes(); the mesh has its own
-  PlaneCrossings crossings;
+  PlaneSides sides;  ///< of its symmetry planes
   CellCheckCache cell_check;
   FaceCheckCache<FlipCheck> flip_check;
   FaceCheckCache<IntersectionCheck> intersection_check;

@@ -138,7 +138,7 @@ std::shared_ptr<SystemFactory::Planned> SystemFactory::plan_system(const Recipe&
   resident.setup = convert::setup_from_proto(recipe.canonical, parts_.options.max_handles);
   context.progress("select", 0);
   planned->regions = validate(resident.setup, *resident.mesh, charged(context, planned->charge));
-  resident.crossings = PlaneCrossings(resident.setup, *resident.mesh);
+  resident.sides = symmetry_sides(resident.setup, *resident.mesh);
   planned->estimate = deform::estimate(*resident.mesh, resident.setup, planned->regions);
   context.check();
   return planned;
@@ -236,7 +236,7 @@ std::shared_ptr<ResidentSystem> SystemFactory::restored_system(const OwnedId& id
   resident->info = resident->told;
   *resident->info.mutable_setup() = std::move(canonical);
   resident->mesh = mesh_of({id.tenant, record->geometry_id});
-  resident->crossings = PlaneCrossings(resident->setup, *resident->mesh);
+  resident->sides = symmetry_sides(resident->setup, *resident->mesh);
   resident = parts_.bases.restore(id, std::move(resident), context);
   if (resident) require_stored(id);
   return resident;

@@ -237,6 +237,26 @@ def test_reports_are_those_of_the_server(system, fast, population):
     assert fast.report([9, 0]).error.index == 0
 
 
+def test_points_across_symmetry_planes_are_those_of_the_server(client):
+    points, hexahedra = brick((6, 3, 3))
+    axis = np.array([0.6, 0.8, 0.0])  # of the plane; the block is on its side
+    turned = points @ np.array([axis, [-0.8, 0.6, 0], [0, 0, 1]])
+    geometry = client.register((turned, {"hexahedron": hexahedra}), groups={"end": np.flatnonzero(points[:, 0] == 6), "low": np.flatnonzero(points[:, 2] == 0)})
+    setup = {"handles": [{"name": "end", "region": {"group": "end"}}], "fixed": [{"intersection": [{"group": "low"}, {"box": {"min": [-9, -9, -9], "max": [0.4, 9, 9]}}]}],
+             "symmetry": [{"point": [0, 0, 0], "normal": axis.tolist()}],
+             "variables": [{"name": "push", "handle": "end", "translate": (-axis).tolist(), "lower": 0, "upper": 9}]}
+    system = client.prepare(setup, geometry)
+    fast = system.local()
+    pushes = np.array([[0.0], [1.0], [6.5], [8.0]])
+    expected = [report.points_across_symmetry for report in system.deform(pushes).reports]
+    assert expected[:2] == [0, 0] and 0 < expected[2] <= expected[3]
+    reports = fast.report(pushes)
+    assert [report.points_across_symmetry for report in reports] == expected == [report.to_dict()["points_across_symmetry"] for report in reports]
+    assert [report.points_across_symmetry for report in fast.deform(pushes, dtype=np.float32).reports] == expected
+    assert pickle.loads(pickle.dumps(reports[3])).points_across_symmetry == expected[3]
+    assert fast.report([10]).points_across_symmetry is None
+
+
 def test_a_mirrored_handle_is_doubtful_as_the_server_says(case, client):
     setup = {"geometry": str(case.mesh), "handles": [{"name": "roof", "region": {"group": "roof"}}], "fixed": [{"group": "stilts"}], "method": {"rbf": {}},
              "variables": [{"name": "fat", "handle": "roof", "scale": {"centre": [0.5, 0, 0.3], "axis": [0, 1, 0]}, "lower": -3, "upper": 1}]}

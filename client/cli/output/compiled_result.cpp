@@ -26,6 +26,9 @@ v1::DesignResult compiled_result(const compiled::Deformation& deformation, const
   if (const auto warning = displacement_warning(largest, report.prescribed_displacement, content.diagonal, method.overshoot)) {
     result.add_warnings(*warning);
   }
+  const PlaneSides::Crossings crossings = deformation.sides().crossings(points, 0);
+  result.set_points_across_symmetry(crossings.points);
+  if (crossings.points > 0) result.add_warnings(crossings.text(points.size()));
   const bool looked_at = check != CompiledCheck::none;
   if (const auto cells = cell_set(mesh); looked_at && cells) {
     // A 2D mesh has its faces as cells as long as it stays in its plane.

@@ -5,6 +5,7 @@
 #include <pybind11/stl/filesystem.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
 #include <filesystem>
@@ -14,6 +15,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <type_traits>
 #include <utility>
 #include <variant>
 #include <vector>
@@ -147,7 +149,8 @@ py::array pull_back(const Compiled& compiled, const Doubles& variables, const py
 
 struct Report {
   compiled::Report solution;
-  double largest_displacement = 0;  ///< of the points as they are given, model units
+  double largest_displacement = 0;         ///< of the points as they are given, model units
+  std::size_t points_across_symmetry = 0;  ///< of the same
 };
 
 template <typename T>
@@ -157,6 +160,23 @@ double largest_displacement(const Points& rest, std::span<const T> points) {
                 static_cast<double>(points[3 * i + 2])};
   };
   return largest_distance(rest.size(), place, rest).value;
+}
+
+template <typename T>
+std::size_t points_across_symmetry(const compiled::Deformation& evaluator, std::span<const T> points) {
+  if (evaluator.sides().empty()) return 0;
+  const double rounding =
+      std::is_same_v<T, float> ? 4.0 * std::numeric_limits<T>::epsilon() * evaluator.content().largest_coordinate : 0.0;
+  PlaneSides::Crossings found;
+  std::array<Vec3, 512> some;
+  for (std::size_t first = 0; first < evaluator.points(); first += some.size()) {
+    const std::size_t count = std::min(some.size(), evaluator.points() - first);
+    for (std::size_t i = 0; i < count; ++i) {
+      for (std::size_t k = 0; k < 3; ++k) some[i][k] = static_cast<double>(points[3 * (first + i) + k]);
+    }
+    found.add(evaluator.sides().crossings(std::span(some).first(count), first, rounding));
+  }
+  return found.points;
 }
 
 /// Evaluates those designs that can be; the others are NaN, and have an error for a report.
@@ -172,7 +192,7 @@ std::vector<std::variant<Report, Error>> deformed(const compiled::Deformation& e
   std::vector<std::variant<Report, Error>> reports;
   for (std::size_t i = 0; i < count; ++i) {
     try {
-      reports.emplace_back(Report{evaluator.report(designs.subspan(i * k, k)), 0});
+      reports.emplace_back(Report{evaluator.report(designs.subspan(i * k, k))});
     } catch (const Error& error) {
       reports.emplace_back(error);
     }
@@ -189,7 +209,9 @@ std::vector<std::variant<Report, Error>> deformed(const compiled::Deformation& e
   }
   for (std::size_t i = 0; i < count; ++i) {
     if (auto* const report = std::get_if<Report>(&reports[i])) {
-      report->largest_displacement = largest_displacement<T>(evaluator.content().rest, points.subspan(i * stride, stride));
+      const std::span<const T> design = points.subspan(i * stride, stride);
+      report->largest_displacement = largest_displacement<T>(evaluator.content().rest, design);
+      report->points_across_symmetry = points_across_symmetry<T>(evaluator, design);
     }
   }
   return reports;
@@ -207,7 +229,8 @@ py::list deform(const Compiled& compiled, const Doubles& designs, py::array out,
     if (const auto* const report = std::get_if<Report>(&one)) {
       const compiled::Report& solution = report->solution;
       list.append(py::make_tuple(solution.error, report->largest_displacement, solution.prescribed_displacement,
-                                 solution.interpolation_residual, solution.converged, py::tuple(py::cast(solution.doubts))));
+                                 solution.interpolation_residual, solution.converged, report->points_across_symmetry,
+                                 py::tuple(py::cast(solution.doubts))));
     } else {
       list.append(exception_of(std::get<Error>(one)));
     }

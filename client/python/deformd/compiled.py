@@ -202,8 +202,8 @@ class CompiledDeformation(DesignSpace):
     def _report(self, found: Any, flipped: Optional[int]) -> CompiledReport:
         if isinstance(found, Error):
             return CompiledReport(error=found)
-        *numbers, doubts = found
-        return CompiledReport(*numbers, diagonal=self.diagonal, flipped_faces=flipped, doubts=doubts)
+        *numbers, across, doubts = found
+        return CompiledReport(*numbers, diagonal=self.diagonal, flipped_faces=flipped, doubts=doubts, points_across_symmetry=across)
 
     def __repr__(self) -> str:
         return f"<CompiledDeformation of {self.system_id[:8]}: {len(self.rest)} points, variables {', '.join(self.names)}>"

@@ -86,15 +86,16 @@ class CompiledReport:
     """The report on one design of a compiled deformation, which knows the solver's part, and the flipped faces where a FaceCheck looked for
     them: no cells. Lengths are in model units. All but the error is NaN, None or False where there is one. Immutable."""
 
-    __slots__ = ("_numbers", "_diagonal", "_error", "_flipped_faces", "_doubts")
+    __slots__ = ("_numbers", "_diagonal", "_error", "_flipped_faces", "_doubts", "_across")
 
     def __init__(self, *numbers: float, diagonal: float = 0.0, error: Optional[Error] = None, flipped_faces: Optional[int] = None,
-                 doubts: Tuple[str, ...] = ()) -> None:
+                 doubts: Tuple[str, ...] = (), points_across_symmetry: Optional[int] = None) -> None:
         self._numbers = numbers or (math.nan, math.nan, math.nan, math.nan, False)
         self._diagonal = diagonal
         self._error = error
         self._flipped_faces = flipped_faces
         self._doubts = tuple(doubts)
+        self._across = points_across_symmetry
 
     @property
     def estimated_error(self) -> float:
@@ -126,6 +127,12 @@ class CompiledReport:
     def flipped_faces(self) -> Optional[int]:
         """The number of faces that are folded over, which the server calls doubtful; None where nobody looked."""
         return self._flipped_faces
+
+    @property
+    def points_across_symmetry(self) -> Optional[int]:
+        """The number of points of a half model that crossed a symmetry plane, which the server calls doubtful: the whole model runs through
+        itself. 0 without planes."""
+        return self._across
 
     @property
     def doubts(self) -> Tuple[str, ...]:
@@ -171,19 +178,19 @@ class CompiledReport:
             error = self._error
             return {"reasons": list(self.reasons), "error": {"code": error.code, "message": error.message, "field": error.field}}
         names = ("estimated_error", "max_displacement", "prescribed_displacement", "interpolation_residual", "converged", "relative_error",
-                 "flipped_faces")
+                 "flipped_faces", "points_across_symmetry")
         return {**{name: getattr(self, name) for name in names}, "doubts": list(self.doubts), "reasons": list(self.reasons), "error": None}
 
     def __repr__(self) -> str:
         return f"<CompiledReport: {'; '.join(self.reasons) or f'estimated error {self.estimated_error:.3g}'}>"
 
     def __reduce__(self) -> Any:
-        return _compiled_report, (self._numbers, self._diagonal, self._error, self._flipped_faces, self._doubts)
+        return _compiled_report, (self._numbers, self._diagonal, self._error, self._flipped_faces, self._doubts, self._across)
 
 
 def _compiled_report(numbers: Tuple[float, ...], diagonal: float, error: Optional[Error], flipped_faces: Optional[int] = None,
-                     doubts: Tuple[str, ...] = ()) -> CompiledReport:
-    return CompiledReport(*numbers, diagonal=diagonal, error=error, flipped_faces=flipped_faces, doubts=doubts)
+                     doubts: Tuple[str, ...] = (), across: Optional[int] = None) -> CompiledReport:
+    return CompiledReport(*numbers, diagonal=diagonal, error=error, flipped_faces=flipped_faces, doubts=doubts, points_across_symmetry=across)
 
 
 class Deformation(NamedTuple):

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "core/deformers/plane_crossings.h"
+#include "core/deformers/symmetry_sides.h"
 
 #include <gtest/gtest.h>
 
@@ -11,13 +11,13 @@ namespace {
 
 using test::HalfModel;
 
-TEST(PlaneCrossings, CountsPointsBeyondAnyPlaneAndTellsTheFarthest) {
+TEST(SymmetrySides, CountsPointsBeyondAnyPlaneAndTellsTheFarthest) {
   for (const test::Frame& frame : {test::Frame{}, test::oblique()}) {
     for (std::size_t planes = 1; planes <= 3; ++planes) {
       const HalfModel model(planes, frame);
-      const PlaneCrossings crossings(model.setup, *model.half);
-      EXPECT_FALSE(crossings.empty());
-      EXPECT_EQ(crossings.in(model.half->points, 0).points, 0U) << "at rest";
+      const PlaneSides sides = symmetry_sides(model.setup, *model.half);
+      EXPECT_FALSE(sides.empty());
+      EXPECT_EQ(sides.crossings(model.half->points, 0).points, 0U) << "at rest";
       Points points = model.half->points;
       const double diagonal = bounding_box(points).diagonal();
       points[7] = frame.point({0.5, 0.5, 0.5 + 3});  // on the right side of all
@@ -25,23 +25,23 @@ TEST(PlaneCrossings, CountsPointsBeyondAnyPlaneAndTellsTheFarthest) {
       points[50] = frame.point({0.4, -0.3, 0.5});  // the first plane is kept
       points[90] = frame.point({-0.2, 0.5, -0.25});
       points[20] = frame.point({-1e-10 * diagonal, 0.5, 0.5});  // rounding
-      const PlaneCrossings::Found found = crossings.in(points, 0);
+      const PlaneSides::Crossings found = sides.crossings(points, 0);
       EXPECT_EQ(found.points, planes == 1 ? 2U : 3U);
-      EXPECT_EQ(found.farthest.id, planes == 1 ? 90U : 50U);
-      EXPECT_NEAR(found.farthest.value, planes == 1 ? 0.2 : 0.3, 1e-14 * diagonal);
+      EXPECT_EQ(found.farthest, planes == 1 ? 90U : 50U);
+      EXPECT_NEAR(found.distance, planes == 1 ? 0.2 : 0.3, 1e-14 * diagonal);
       // Block by block the same.
-      PlaneCrossings::Found sum;
+      PlaneSides::Crossings sum;
       for (std::size_t first = 0; first < points.size(); first += 40) {
-        sum.add(crossings.in(std::span(points).subspan(first, std::min<std::size_t>(40, points.size() - first)), first));
+        sum.add(sides.crossings(std::span(points).subspan(first, std::min<std::size_t>(40, points.size() - first)), first));
       }
       EXPECT_EQ(sum.points, found.points);
-      EXPECT_EQ(sum.farthest.id, found.farthest.id);
-      EXPECT_EQ(sum.farthest.value, found.farthest.value);
+      EXPECT_EQ(sum.farthest, found.farthest);
+      EXPECT_EQ(sum.distance, found.distance);
     }
   }
 }
 
-TEST(PlaneCrossings, OfAFittedPlaneBeginBeyondItsPoints) {
+TEST(SymmetrySides, OfAFittedPlaneBeginBeyondItsPoints) {
   HalfModel model(1, test::oblique());
   Mesh mesh = *model.half;
   Region::Ids side;
@@ -53,23 +53,23 @@ TEST(PlaneCrossings, OfAFittedPlaneBeginBeyondItsPoints) {
     up = -up;
   }
   model.setup.symmetry = {{Region{side}}};
-  const PlaneCrossings crossings(model.setup, mesh);
-  EXPECT_EQ(crossings.in(mesh.points, 0).points, 0U) << "points of the plane keep their distance";
+  const PlaneSides sides = symmetry_sides(model.setup, mesh);
+  EXPECT_EQ(sides.crossings(mesh.points, 0).points, 0U) << "points of the plane keep their distance";
   mesh.points[60] = model.frame.point({-1e-5, 0.5, 0.5});
-  EXPECT_EQ(crossings.in(mesh.points, 0).points, 1U);
+  EXPECT_EQ(sides.crossings(mesh.points, 0).points, 1U);
 }
 
-TEST(PlaneCrossings, NoneWithoutPlanes) {
+TEST(SymmetrySides, NoneWithoutPlanes) {
   HalfModel model(1, test::Frame{});
   model.setup.symmetry.clear();
-  const PlaneCrossings crossings(model.setup, *model.half);
-  EXPECT_TRUE(crossings.empty());
+  const PlaneSides sides = symmetry_sides(model.setup, *model.half);
+  EXPECT_TRUE(sides.empty());
   const Points points{{-9, -9, -9}};
-  EXPECT_EQ(crossings.in(points, 0).points, 0U);
+  EXPECT_EQ(sides.crossings(points, 0).points, 0U);
 }
 
-TEST(PlaneCrossings, AreToldInOneSentence) {
-  EXPECT_EQ(crossed_planes_text({1873, {0.046, 17}}, 8241),
+TEST(SymmetrySides, AreToldInOneSentence) {
+  EXPECT_EQ((PlaneSides::Crossings{1873, 0.046, 17}.text(8241)),
             "1873 of 8241 points crossed a symmetry plane, point 17 farthest, by 0.046");
 }
 
