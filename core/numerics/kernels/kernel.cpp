@@ -33,8 +33,8 @@ std::optional<Kernel> kernel_named(std::string_view name) {
 }
 
 Kernel default_kernel(const Box& box) {
-  constexpr double noise = 1e-6;  // of D: what rounding and single precision leave
-  return box.side(2) <= noise * box.diagonal() ? Kernel::thin_plate : Kernel::triharmonic;
+  constexpr double rounding = 1e-9;  // of D, as for meshes that count as 2D in checks
+  return box.side(2) <= rounding * box.diagonal() ? Kernel::thin_plate : Kernel::triharmonic;
 }
 
 double automatic_shape(Kernel kernel, double spacing, double diagonal) {
