@@ -495,7 +495,7 @@ def canonical_constraint_options(setup):
 
 
 def canonical_setup(setup, geometry, flat):
-    """flat: all points of the geometry have the same z."""
+    """flat: all points of the geometry have the same z, to 1e-9 of the diagonal of their box."""
     canonical = setup_pb2.Setup()
     canonical.CopyFrom(setup)
     canonical.DiscardUnknownFields()

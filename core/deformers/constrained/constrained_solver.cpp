@@ -23,6 +23,7 @@ constexpr double direction_accuracy = 1e-3;
 constexpr int most_with_old_matrix = 12;  // iterations; a new matrix costs about as much or more
 constexpr int most_gradient_steps = 1000;
 constexpr int most_steps = 30, most_halvings = 10, most_steps_of_a_design = 100;
+constexpr int most_refits = 8;
 constexpr double whole_accuracy = 1e-11;  // of the right-hand side, of derivatives
 
 double rms(const std::vector<Vec3>& vectors) {
@@ -138,6 +139,31 @@ Eigen::MatrixXd ConstrainedSolver::alternate(const Case& c, int most, Constraine
   return {};
 }
 
+/// Fits start from the shapes before, so that points may pass from one side of a shape to the other, where another minimum of
+/// the fit is nearer: a sphere that curves the other way. Takes shapes that are clearly nearer than those of a converged state,
+/// from which it is no longer converged; the objective falls.
+bool ConstrainedSolver::take_nearer_shapes(const Case& c, ConstrainedResult& result) const {
+  constexpr double clearly = 1e-6;  // of the squares of a set, and of the objective
+  if (!result.converged) return false;
+  ConstrainedState fresh;
+  fresh.v = result.after.v;
+  evaluate(c, fresh);
+  bool any = false;
+  for (std::size_t t = 0; t < sets().size(); ++t) {
+    const double gain = result.after.squares[t] - fresh.squares[t];
+    const bool nearer = gain > clearly * result.after.squares[t] &&
+                        points_.weight_per_point(t) * gain > clearly * std::abs(result.after.objective);
+    if (!nearer) fresh.shapes[t] = result.after.shapes[t];
+    any = any || nearer;
+  }
+  if (!any) return false;
+  evaluate(c, fresh);
+  result.after = std::move(fresh);
+  result.objectives.push_back(result.after.objective);
+  result.converged = false;
+  return true;
+}
+
 ConstrainedResult ConstrainedSolver::solve(const Eigen::MatrixXd& h, const std::vector<Vec3>& offsets, const RunContext& context,
                                            const ConstrainedStart* start_from) const {
   const EnergySolver::Problem& problem = solver_.problem();
@@ -178,10 +204,12 @@ ConstrainedResult ConstrainedSolver::solve(const Eigen::MatrixXd& h, const std::
     result.objectives.clear();
     Eigen::MatrixXd left;
     if (near && newton_too) left = newton(c, result, matrix);
-    while (!result.converged && result.iterations < options_.most_iterations) {
-      const int last = newton_too ? result.iterations + patience_ : options_.most_iterations;
-      left = alternate(c, std::min(options_.most_iterations, last), result);
-      if (!result.converged && newton_too) left = newton(c, result, matrix);
+    for (int refits = 0; refits == 0 || (refits <= most_refits && take_nearer_shapes(c, result)); ++refits) {
+      while (!result.converged && result.iterations < options_.most_iterations) {
+        const int last = newton_too ? result.iterations + patience_ : options_.most_iterations;
+        left = alternate(c, std::min(options_.most_iterations, last), result);
+        if (!result.converged && newton_too) left = newton(c, result, matrix);
+      }
     }
     if (!result.converged) {
       Eigen::MatrixXd all = response(c, -gradient(result.after));

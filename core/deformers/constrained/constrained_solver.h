@@ -122,6 +122,7 @@ class ConstrainedSolver {
   int patience_by_cost() const;
   void evaluate(const Case& c, ConstrainedState& state) const;
   Eigen::MatrixXd alternate(const Case& c, int most, ConstrainedResult& result) const;
+  bool take_nearer_shapes(const Case& c, ConstrainedResult& result) const;
   Eigen::MatrixXd response(const Case& c, Eigen::MatrixXd forces) const;
   Eigen::MatrixXd newton(const Case& c, ConstrainedResult& result, NewtonMatrix& matrix) const;
   Direction newton_direction(const ConstrainedState& at, NewtonMatrix& matrix, const RunContext& context) const;

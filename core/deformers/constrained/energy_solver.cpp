@@ -44,14 +44,20 @@ EnergySolver::Problem::Problem(Problem&& other) : enforcement(other.enforcement)
 std::size_t sparse_bytes(const SparseMatrix& matrix) { return bytes_of(matrix); }
 std::size_t sparse_bytes(const SparseRows& matrix) { return bytes_of(matrix); }
 
-Eigen::VectorXd multiplier_weights(const SparseMatrix& energy, const SparseMatrix& transposed, const Eigen::VectorXd& shares) {
+Eigen::VectorXd multiplier_weights(const SparseMatrix& energy, const SparseMatrix& transposed, const Eigen::VectorXd& shares,
+                                   TouchedFunctions rule) {
+  // Of the largest: splines reach points on the planes between their spans with 0 or with the cube of a rounding, and coordinates
+  // across a plane of points are 0 or a rounding.
+  constexpr double negligible = 1e-20;
   Eigen::VectorXd squares = Eigen::VectorXd::Zero(energy.rows());
   for (std::int64_t c = 0; c < transposed.outerSize(); ++c) {
     for (SparseMatrix::InnerIterator it(transposed, c); it; ++it) squares[it.row()] += shares[c] * it.value() * it.value();
   }
   const double stiffness = energy.diagonal().sum() / static_cast<double>(std::max<std::int64_t>(1, energy.rows()));
-  const double touched = static_cast<double>(std::max<std::ptrdiff_t>(1, (squares.array() > 0).count()));
-  const double mean = squares.sum() / touched;
+  const double least = rule == TouchedFunctions::by_size && squares.size() > 0 ? negligible * squares.maxCoeff() : 0;
+  double touched = 0;
+  for (const double square : squares) touched += square > 0 ? square / (square + least) : 0;
+  const double mean = squares.sum() / std::max(1.0, touched);
   return (mean > 0 && stiffness > 0 ? multiplier_ratio * stiffness / mean : 1) * shares;
 }
 

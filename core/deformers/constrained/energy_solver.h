@@ -84,9 +84,16 @@ class EnergySolver {
   SparseCholesky factor_;
 };
 
+/// Which functions are counted as touched by the rows of B.
+enum class TouchedFunctions {
+  by_size,     ///< s / (s + 1e-20 max s) of each, with the sum s of the squares of its values: rounding does not change the count
+  above_zero,  ///< those with a value that is not zero, be it a rounding; that of stored systems, up to version 0.2
+};
+
 /// The weights of the rows of B for multipliers: these shares (m), each greater than zero, times a number that is large enough
-/// for B^T W B to dominate K.
-Eigen::VectorXd multiplier_weights(const SparseMatrix& energy, const SparseMatrix& transposed, const Eigen::VectorXd& shares);
+/// for B^T W B to dominate K: it makes the mean diagonal of B^T W B, over the functions that are touched, 100 times that of K.
+Eigen::VectorXd multiplier_weights(const SparseMatrix& energy, const SparseMatrix& transposed, const Eigen::VectorXd& shares,
+                                   TouchedFunctions rule = TouchedFunctions::by_size);
 
 /// Bytes of the arrays of a sparse matrix.
 std::size_t sparse_bytes(const SparseMatrix& matrix);

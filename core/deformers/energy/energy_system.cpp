@@ -87,11 +87,11 @@ void EnergySystem::prepare_solver(const RunContext& context, std::size_t memory_
     problem.enforcement = hard_handles() ? HandleEnforcement::multipliers : HandleEnforcement::soft;
     problem.weights = Eigen::VectorXd::Ones(static_cast<Eigen::Index>(model_.held.size()));
     if (hard_handles()) {
-      // Stored systems count points that nearly coincide one by one.
-      if (options_.misfit == MisfitRule::joins) {
-        problem.weights = ResidualCorrection::shares_of(unit_places(*mesh_, box_, model_.held), context);
-      }
-      problem.weights = multiplier_weights(problem.energy, problem.coupling, problem.weights);
+      // Stored systems count points that nearly coincide one by one, and functions that are rounding.
+      const bool joins = options_.misfit == MisfitRule::joins;
+      if (joins) problem.weights = ResidualCorrection::shares_of(unit_places(*mesh_, box_, model_.held), context);
+      problem.weights = multiplier_weights(problem.energy, problem.coupling, problem.weights,
+                                           joins ? TouchedFunctions::by_size : TouchedFunctions::above_zero);
     }
     for (std::size_t j = 0; j < model_.held.size() && !hard_handles(); ++j) {
       const RegionIndex region = points_.region_of[model_.held[j]];

@@ -32,7 +32,10 @@ std::optional<Kernel> kernel_named(std::string_view name) {
   return std::nullopt;
 }
 
-Kernel default_kernel(const Box& box) { return box.min[2] == box.max[2] ? Kernel::thin_plate : Kernel::triharmonic; }
+Kernel default_kernel(const Box& box) {
+  constexpr double rounding = 1e-9;  // of D, as for meshes that count as 2D in checks
+  return box.side(2) <= rounding * box.diagonal() ? Kernel::thin_plate : Kernel::triharmonic;
+}
 
 double automatic_shape(Kernel kernel, double spacing, double diagonal) {
   const KernelProperties known = properties(kernel);

@@ -47,8 +47,8 @@ KernelProperties properties(Kernel kernel);
 /// The kernel with this name, or std::nullopt.
 std::optional<Kernel> kernel_named(std::string_view name);
 
-/// The default kernel of a deformation, from the bounding box of its points: r^2 log r in a plane z = constant, otherwise r^3.
-/// They minimize the bending energy in two and three dimensions (thesis 3.5).
+/// The default kernel of a deformation, from the bounding box of its points: r^2 log r in a plane z = constant, to 1e-9 D, else
+/// r^3. They minimize the bending energy in two and three dimensions (thesis 3.5).
 Kernel default_kernel(const Box& box);
 
 /// The default shape parameter for centres with this typical spacing and this diagonal of their bounding box: `spacings` times

@@ -51,7 +51,8 @@ struct DensePoints {
   std::vector<Vec3> points;  ///< points of the surface first
   std::size_t surface = 0;   ///< number of points on the surface
   double area = 0, volume = 0;
-  bool uniform = true;  ///< whether made by sample_uniformly(), or else given points
+  bool uniform = true;    ///< whether made by sample_uniformly(), or else given points
+  bool enclosed = false;  ///< whether the points of the volume are in the body that the faces enclose
 
   std::size_t in_volume() const { return points.size() - surface; }
 };

@@ -802,7 +802,7 @@ TEST(ContractOfConstraints, HoldsWhereRoundsOfMultipliersAreMissing) { check(279
 // delivered. DEFORM_LONG=1 takes 150 of them.
 TEST(ContractOfExactConstraints, HoldsOnRandomSetups) {
   if (std::getenv("DEFORM_SEED") != nullptr) return;
-  std::vector<std::uint64_t> seeds{0, 1, 4, 7, 8, 10};  // quick ones
+  std::vector<std::uint64_t> seeds{0, 1, 4, 7, 8, 10, 115};  // quick ones; in 115 a sphere comes to curve the other way
   for (std::uint64_t seed = 0; is_long() && seed < 150; ++seed) seeds.push_back(seed);
   for (const std::uint64_t seed : seeds) check(test::contract::exact_seeds + seed, few_centres);
   print_table();

@@ -42,8 +42,8 @@ BodyReach::BodyReach(const Mesh& mesh, std::span<const Vec3> points, const std::
   find_ways(tree, radius, context);
 }
 
-/// Samples lie on faces, so that a segment between them may run along these: the dense point in the body nearest to the mean of
-/// those of a sample takes its place.
+/// Samples lie on faces, so that a segment between them may run along these, and rounding would decide whether it is outside: the
+/// dense point in the body nearest to the mean of those of a sample takes its place. A few samples are the nearest of none.
 void BodyReach::place_anchors(const DensePoints& dense, const RunContext& context) {
   anchors_ = samples_;
   const std::span<const Vec3> inside = std::span(dense.points).subspan(dense.surface);
@@ -61,6 +61,24 @@ void BodyReach::place_anchors(const DensePoints& dense, const RunContext& contex
     nearest[j] = square;
     anchors_[j] = inside[i];
   }
+  if (inside.empty()) return;
+  const PointTree tree(inside);
+  std::vector<double> scratch;
+  for (std::size_t j = 0; j < samples_.size(); ++j) {
+    if (counts[j] == 0) anchors_[j] = nearest_seen(tree, samples_[j], scratch);
+  }
+}
+
+/// The nearest of the dense points that a sample on a face sees, or itself if it sees none of those next to it.
+Vec3 BodyReach::nearest_seen(const PointTree& inside, const Vec3& sample, std::vector<double>& scratch) const {
+  std::vector<PointTree::Near> near;
+  inside.within(sample, inside.kth_square(sample, std::min(looked_at, inside.points().size())), near);
+  std::sort(near.begin(), near.end(), [](const auto& a, const auto& b) { return a.square < b.square; });
+  for (const auto& found : near) {
+    const Vec3& x = inside.points()[found.point];
+    if (within_body(sample, x, scratch)) return x;
+  }
+  return sample;
 }
 
 /// Whether no part of a segment is outside. Faces that it crosses within the body (parts that overlap or touch) do not count.

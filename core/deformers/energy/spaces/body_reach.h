@@ -47,6 +47,7 @@ class BodyReach : public SampleReach {
   };
 
   void place_anchors(const DensePoints& dense, const RunContext& context);
+  Vec3 nearest_seen(const PointTree& inside, const Vec3& sample, std::vector<double>& scratch) const;
   void find_links(const PointTree& tree, const RunContext& context);
   void find_parts();
   void find_ways(const PointTree& tree, double limit, const RunContext& context);

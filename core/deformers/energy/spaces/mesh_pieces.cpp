@@ -163,6 +163,7 @@ DensePoints dense_points(const Mesh& mesh, std::span<const Vec3> points, const D
     if (counts.volume_of != VolumeOf::box) {
       const EnclosedPieces enclosed(mesh, points, surface.points, seed + 1, context);
       volume = sample_uniformly(enclosed, counts.volume, seed + 1, context);
+      dense.enclosed = !volume.points.empty();
     }
     if (volume.points.empty() && counts.volume_of != VolumeOf::enclosed)
       volume = sample_uniformly(BoxPieces(points), counts.volume, seed + 1, context);

@@ -138,6 +138,7 @@ DensePoints thinned(const DensePoints& dense, double factor) {
   DensePoints few;
   few.area = dense.area;
   few.volume = dense.volume;
+  few.enclosed = dense.enclosed;
   for (std::size_t i = 0; i < dense.surface; i += step) few.points.push_back(dense.points[i]);
   few.surface = few.points.size();
   for (std::size_t i = dense.surface; i < dense.points.size(); i += step) few.points.push_back(dense.points[i]);
@@ -232,12 +233,13 @@ EnergySpace mls_space(const Mesh& mesh, const MlsOptions& options, std::uint64_t
   context.progress("sample", 0);
   Samples samples;
   Cubature cubature;
-  bool solid = false;
+  bool solid = false, in_body = false;
   DensePoints few;
   {
     const DensePoints dense =
         dense_points(mesh, points, {dense_per_point * more.surface, dense_per_point * more.volume, volume_of}, seed, context);
     solid = dense.in_volume() != 0;
+    in_body = dense.enclosed;
     if (!solid) counts.volume = more.volume = 0;
     few = thinned(dense, options.cubature);
     samples = spread_samples(few, counts, context);
@@ -251,7 +253,7 @@ EnergySpace mls_space(const Mesh& mesh, const MlsOptions& options, std::uint64_t
   basis_options.cover.cover = whole_cover(cover_of(options));
   const double radius = covering_radius(PointTree(samples.points), places, basis_options.cover, context);
   std::shared_ptr<const BodyReach> reach;
-  if (enclosed && solid && options.domain == MlsDomain::connected) {
+  if (in_body && options.domain == MlsDomain::connected) {
     reach = std::make_shared<const BodyReach>(mesh, points, samples.points, few, radius, context);
     if (reach->cut() > 0) basis_options.reach = reach;
   }
