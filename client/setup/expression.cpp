@@ -101,6 +101,7 @@ class Expression {
     if (!is_digit(text_[at_]) && text_[at_] != '.') fail("expected a number, a name or a parenthesis");
     double number = 0;
     const auto [end, failure] = std::from_chars(text_.data() + at_, text_.data() + text_.size(), number);
+    if (failure == std::errc::result_out_of_range) fail("the number is out of range");
     if (failure != std::errc()) fail("expected a number, a name or a parenthesis");
     at_ = static_cast<std::size_t>(end - text_.data());
     return number;

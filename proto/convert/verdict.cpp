@@ -51,6 +51,16 @@ std::string clamp_advice(const SolutionFacts& facts) {
   return ": the clamp separates singular values that are close to each other; name another `clamp`, such as 1e-4";
 }
 
+constexpr const char* fewer_or_smoother =
+    "handle and fixed points nearly coincide; hold fewer of them, or take kernel BIHARMONIC";
+
+/// What keeps a direct solver from its tolerance.
+std::string condition_advice(const SolutionFacts& facts) {
+  const bool direct = facts.method.condition_effect == MethodFacts::Effect::measured && facts.method.least_squares_tolerance == 0;
+  if (!direct || !(facts.condition > doubtful_condition)) return {};
+  return "; the condition of the system is " + rounded(facts.condition) + ": " + fewer_or_smoother;
+}
+
 /// Whether a solution that has not converged is one of a direct solver, which has no tolerance of the user's to reach, and is
 /// told to be so accurate that it is harmless even so. In 36 designs with conditions from 8e18 to 2e21 whose refinement did not
 /// converge the true error was up to 1450 times the estimated one, and below 1e-8 of the motion where less than 1e-9 was told.
@@ -64,17 +74,18 @@ void judge_solution(const SolutionFacts& facts, const v1::DesignResult& result, 
     found.emplace_back(v1::VERDICT_BAD, "points are not finite");
     return;
   }
+  const bool large = result.estimated_error() > negligible_error * facts.diagonal && result.relative_error() > doubtful_error;
+  const std::string error = "the estimated error is " + rounded(result.estimated_error()) +
+                            (large ? ", " + rounded(result.relative_error()) + " of the largest displacement" : "");
   if (only_unrefined(facts, result)) {
     found.emplace_back(v1::VERDICT_DOUBTFUL, "the refinement of the solution did not converge: the estimated error is " +
                                                  rounded(result.estimated_error()) + ", and may be a thousand times too small");
   } else if (!facts.converged) {
-    found.emplace_back(v1::VERDICT_BAD,
-                       "the solver did not reach its tolerance: the estimated error is " + rounded(result.estimated_error()));
-  }
-  if (result.estimated_error() > negligible_error * facts.diagonal && result.relative_error() > doubtful_error) {
+    found.emplace_back(v1::VERDICT_BAD, "the solver did not reach its tolerance: " + error + condition_advice(facts) +
+                                            least_squares_advice(facts, result));
+  } else if (large) {
     found.emplace_back(result.relative_error() > bad_error ? v1::VERDICT_BAD : v1::VERDICT_DOUBTFUL,
-                       "the estimated error is " + rounded(result.estimated_error()) + ", " + rounded(result.relative_error()) +
-                           " of the largest displacement" + least_squares_advice(facts, result) + clamp_advice(facts));
+                       error + least_squares_advice(facts, result) + clamp_advice(facts));
   }
 }
 
@@ -83,6 +94,7 @@ void judge_solution(const SolutionFacts& facts, const v1::DesignResult& result, 
 /// converges, whatever the condition; without any it does not.
 void judge_condition(const SolutionFacts& facts, v1::DesignResult& result, std::vector<Finding>& found) {
   if (!(facts.condition > doubtful_condition)) return;
+  if (!facts.converged && !only_unrefined(facts, result) && !condition_advice(facts).empty()) return;  // said already
   const std::string condition = "the condition of the system is " + rounded(facts.condition);
   const bool measured = facts.method.condition_effect == MethodFacts::Effect::measured;
   const std::string error = "; the measured error is " + rounded(result.relative_error()) + " of the largest displacement";
@@ -91,9 +103,9 @@ void judge_condition(const SolutionFacts& facts, v1::DesignResult& result, std::
     result.add_notes(condition + error);
     return;
   }
-  const char* const advice = facts.method.condition_effect == MethodFacts::Effect::unknown
+  const std::string advice = facts.method.condition_effect == MethodFacts::Effect::unknown
                                  ? ": hold parts that nothing holds, or give stretching and bending both a weight"
-                                 : ": handle and fixed points nearly coincide; hold fewer of them, or take kernel BIHARMONIC";
+                                 : std::string(": ") + fewer_or_smoother;
   found.emplace_back(v1::VERDICT_DOUBTFUL,
                      condition + (measured ? error : "; how far that moves the points is not measured") + advice);
 }

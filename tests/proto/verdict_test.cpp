@@ -47,6 +47,16 @@ const std::vector<Case> cases = {
     {"unknown_error", [](auto&, auto& r) { r.set_estimated_error(std::numeric_limits<double>::quiet_NaN()); }, v1::VERDICT_BAD,
      "points are not finite"},
     {"not_converged", [](auto& f, auto&) { f.converged = false; }, v1::VERDICT_BAD, "the solver did not reach its tolerance"},
+    {"not_converged_for_the_condition",
+     [](auto& f, auto& r) {
+       f.converged = false;
+       f.condition = 1e18;
+       f.method.condition_effect = MethodFacts::Effect::measured;
+       set_error(r, 0.01);
+     },
+     v1::VERDICT_BAD,
+     "the solver did not reach its tolerance: the estimated error is 0.01, 0.1 of the largest displacement; the condition of the "
+     "system is 1e+18: handle and fixed points nearly coincide; hold fewer of them, or take kernel BIHARMONIC"},
     {"large_error", [](auto&, auto& r) { set_error(r, 1.1e-4); }, v1::VERDICT_BAD,
      "the estimated error is 0.00011, 0.0011 of the largest displacement"},
     {"error", [](auto&, auto& r) { set_error(r, 0.9e-4); }, v1::VERDICT_DOUBTFUL, "the estimated error is 9e-05"},

@@ -182,7 +182,7 @@ std::vector<double> parse_settings(const std::vector<std::string>& settings, con
   std::vector<double> values(static_cast<std::size_t>(setup.variables_size()), 0.0);
   std::vector<char> given(values.size(), 0);
   for (const auto& setting : settings) {
-    const auto equals = setting.find('=');
+    const auto equals = setting.rfind('=');  // names may have one, numbers have none
     if (equals == std::string::npos) refuse("--set " + setting + ": expected NAME=VALUE");
     const std::string name = setting.substr(0, equals);
     const std::size_t index = variable_index(setup, name, "--set " + setting);

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
+#include <vector>
 
 #include "core/base/parallel.h"
 #include "core/deformers/constrained/newton_form.h"
@@ -134,26 +136,47 @@ SparseMatrix pattern(const SparseMatrix& matrix, const FunctionRows& values, con
   return result;
 }
 
+/// The functions at the points of a set, ascending. Points of one set have most of them in common.
+std::vector<std::int64_t> functions_of(const ConstraintSet& set, const FunctionRows& values) {
+  std::vector<std::int64_t> reached;
+  for (const PointId id : set.ids) {
+    values.for_each(id, [&](std::int64_t column, double) { reached.push_back(column); });
+  }
+  std::sort(reached.begin(), reached.end());
+  reached.erase(std::unique(reached.begin(), reached.end()), reached.end());
+  return reached;
+}
+
 /// Newton's sparse matrix eliminates the parameters of small sets first, so that all functions at their points meet.
 std::size_t newton_factor_bytes(const SparseMatrix& matrix, const FunctionRows& values, const std::vector<ConstraintSet>& sets) {
-  std::vector<Triplet> entries;
-  for (std::int64_t j = 0; j < matrix.cols(); ++j) {
-    for (SparseMatrix::InnerIterator it(matrix, j); it; ++it) entries.emplace_back(it.row(), j, 1.0);
-  }
+  const auto size = static_cast<std::size_t>(matrix.cols());
+  std::vector<std::vector<std::int64_t>> reached;         // by the small sets
+  std::vector<std::vector<std::uint32_t>> sets_of(size);  // that reach a function
   for (const ConstraintSet& set : sets) {
     if (set.ids.size() > few_set_points) continue;
-    std::vector<std::int64_t> reached;
-    for (const PointId id : set.ids) {
-      values.for_each(id, [&](std::int64_t column, double) { reached.push_back(column); });
-    }
-    for (const std::int64_t a : reached) {
-      for (const std::int64_t b : reached) {
-        if (a >= b) entries.emplace_back(a, b, 1.0);
-      }
+    reached.push_back(functions_of(set, values));
+    for (const std::int64_t column : reached.back()) {
+      sets_of[static_cast<std::size_t>(column)].push_back(static_cast<std::uint32_t>(reached.size() - 1));
     }
   }
   SparseMatrix pattern(matrix.rows(), matrix.cols());
-  pattern.setFromTriplets(entries.begin(), entries.end());
+  pattern.reserve(matrix.nonZeros());
+  std::vector<std::int64_t> seen_in(size, -1), rows;
+  for (std::int64_t j = 0; j < matrix.cols(); ++j) {
+    rows.clear();
+    const auto meet = [&](std::int64_t i) {
+      if (std::exchange(seen_in[static_cast<std::size_t>(i)], j) != j) rows.push_back(i);
+    };
+    for (SparseMatrix::InnerIterator it(matrix, j); it; ++it) meet(it.row());
+    for (const std::uint32_t set : sets_of[static_cast<std::size_t>(j)]) {
+      const auto& others = reached[set];
+      std::for_each(std::lower_bound(others.begin(), others.end(), j), others.end(), meet);
+    }
+    std::sort(rows.begin(), rows.end());
+    pattern.startVec(j);
+    for (const std::int64_t i : rows) pattern.insertBack(i, j) = 1.0;
+  }
+  pattern.finalize();
   return SparseCholesky::estimate(pattern, SparseCholesky::fill_reducing_order(matrix)).factor_bytes;
 }
 
@@ -169,11 +192,17 @@ ConstrainedBytes constrained_bytes(const SparseMatrix& matrix, const FunctionRow
   const std::size_t r = dense ? chosen.size() : counts.unknowns;
   for (const ConstraintSet& set : sets) {
     std::size_t reached = 0;
-    for (const PointId id : set.ids) reached += values.count(id);
+    for (const PointId id : set.ids) {
+      const std::size_t count = values.count(id);
+      counts.cover = std::max(counts.cover, count);
+      reached += count;
+    }
     counts.phi += reached;
     counts.borders += set.projection->moves_with_its_points() ? reached + 1 : 0;
   }
-  counts.squares = chosen.size();
+  // Functions that meet at a point meet in the energy, too.
+  const auto couplings = static_cast<std::size_t>(matrix.nonZeros());
+  counts.squares = counts.cover == 1 ? chosen.size() : std::min(couplings, chosen.size() * (chosen.size() + 1) / 2);
   counts.energy = dense ? r * (r + 1) / 2 : static_cast<std::size_t>(matrix.nonZeros());
   counts.reduced = ReducedEnergy::estimate(matrix, chosen);
   counts.global_step = SparseCholesky::estimate(pattern(matrix, values, chosen, dense, sets));

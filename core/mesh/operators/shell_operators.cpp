@@ -36,6 +36,7 @@ struct Shape {
   Vec3 normal{};       ///< unit length; arbitrary for a flat triangle
   double doubled = 0;  ///< twice the effective area; 0 if all corners coincide
   bool flat = false;
+  bool stretched = false;  ///< see ShellOperators
 
   Shape(const Points& points, const Triangle& triangle, double scale) {
     double longest = 0;
@@ -53,6 +54,7 @@ struct Shape {
     doubled = norm(n);
     const double least = ShellOperators::least_height * longest * longest;
     flat = doubled <= least;
+    stretched = longest * longest > ShellOperators::stretched * doubled;
     if (doubled > 0) {
       normal = n / doubled;
     } else if (longest > 0) {
@@ -149,11 +151,14 @@ ShellOperators shell_operators(const Mesh& mesh, double scale, const std::vector
   result.areas = Eigen::VectorXd::Zero(n);
   std::vector<Entry> entries;
   entries.reserve(12 * triangles.size());
+  double area = 0;
   for (const Triangle& triangle : triangles) {
     const Shape shape(mesh.points, triangle, scale);
     if (shape.flat && result.flat_triangles++ == 0) result.first_flat = triangle.face;
     if (shape.doubled <= 0) continue;
     shape.add_areas(triangle, result.areas);
+    area += shape.doubled;
+    if (shape.stretched) result.stretched_area += shape.doubled;
     for (std::size_t i = 0; i < 3; ++i) {
       const std::int64_t a = triangle.corners[(i + 1) % 3], b = triangle.corners[(i + 2) % 3];
       const double weight = 0.5 * shape.cotangent(i);
@@ -163,6 +168,7 @@ ShellOperators shell_operators(const Mesh& mesh, double scale, const std::vector
       entries.emplace_back(b, b, -weight);
     }
   }
+  if (area > 0) result.stretched_area /= area;
   result.laplacian.resize(n, n);
   result.laplacian.setFromTriplets(entries.begin(), entries.end());
   return result;

@@ -39,6 +39,9 @@ struct ShellOperators {
   Eigen::VectorXd areas;
   std::size_t flat_triangles = 0;  ///< triangles below least_height
   FaceId first_flat = 0;           ///< face of the first one
+  /// The part of the area, 0 to 1, in triangles whose longest side is more than `stretched` times their height.
+  double stretched_area = 0;
+  static constexpr double stretched = 5;
 };
 
 /// Assembles the operators. Throws Error(invalid_argument) if scale is not positive and finite. Deterministic.

@@ -161,6 +161,9 @@ v1::Setup two_variables() {
 TEST(Settings, FillOneValuePerVariable) {
   EXPECT_EQ(cli::parse_settings({"slant_turn=-1e-2"}, two_variables()), (std::vector<double>{0, -0.01}));
   EXPECT_TRUE(cli::parse_settings({}, two_variables()).empty());
+  v1::Setup odd = two_variables();
+  odd.mutable_variables(0)->set_name("v=1");
+  EXPECT_EQ(cli::parse_settings({"v=1=0.5"}, odd), (std::vector<double>{0.5, 0}));
   const auto refused = [](const char* setting, std::vector<const char*> parts) {
     expect_error(ErrorCode::invalid_argument, parts, [&] { cli::parse_settings({setting}, two_variables()); });
   };

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // What is said of a system before it is prepared, against what it takes then.
 #include <gtest/gtest.h>
+#include <sys/resource.h>
 
 #include <array>
 #include <ctime>
@@ -121,6 +122,24 @@ TEST(Estimate, OfColumnsOfCells) {
     ASSERT_FALSE(notes.empty());
     EXPECT_EQ(notes[0].find("wall: 16 rigid columns of cells, 0 of them of fewer than 3 layers"), 0u) << notes[0];
   }
+}
+
+// Points of a column have most control points in common: what meets there is counted once.
+TEST(Estimate, OfManySmallSetsInALatticeTakesNoMemoryOfItsOwn) {
+  const auto mesh = shared(test::solid_cube(20));
+  deform::Setup setup = cube_setup();
+  setup.method = FfdOptions{};
+  setup.constraints = {{"wall", {box({0, -1, -1}, {0, 2, 2})}, Rigid{5}},
+                       {"side", {box({-1, 0, -1}, {2, 0, 2})}, FixedPlane{{0, 0, 0}, {0, 1, 0}}}};
+  const auto most_resident = [] {
+    rusage usage{};
+    getrusage(RUSAGE_SELF, &usage);
+    return static_cast<std::size_t>(usage.ru_maxrss) << 10;
+  };
+  const std::size_t before = most_resident();
+  const Estimate expected = estimate(*mesh, setup);
+  EXPECT_LT(most_resident() - before, std::size_t{1} << 29);
+  EXPECT_GT(expected.peak_bytes, std::size_t{1} << 28);  // Newton's matrix is sparse here
 }
 
 // Cells without any face have all samples inside.

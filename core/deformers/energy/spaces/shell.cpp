@@ -189,6 +189,14 @@ EnergyModel shell_model(const Mesh& mesh, const std::vector<RegionIndex>& region
                                 " triangles are flat and count as higher than they are, the first is of face " +
                                 std::to_string(operators.first_flat) + ".");
   }
+  constexpr double much = 0.1;
+  if (operators.stretched_area > much) {
+    model.space.notes.push_back(
+        std::to_string(std::lround(100 * operators.stretched_area)) +
+        " % of the surface that follows has triangles whose longest side is more than 5 times their height. "
+        "What the shell makes of them depends on how they lie, and can change much when the mesh is "
+        "refined: compare with rbf or mls (deform compare), or make the triangles more even.");
+  }
   model.space.only_on_mesh =
       "the shell deforms the faces of its geometry, and there is nothing between them; use rbf, mls, ffd or a cage";
   return model;

@@ -64,6 +64,15 @@ TEST(ShellOperators, LinearFieldsAreHarmonicInsideAPlane) {
   }
 }
 
+TEST(ShellOperators, TellHowMuchOfTheAreaIsStretched) {
+  Mesh mesh = test::quad_grid(10, 10);
+  EXPECT_EQ(shell_operators(mesh, 4).stretched_area, 0);
+  for (Vec3& p : mesh.points) p[0] = p[0] <= 8 ? p[0] : 8 + 20 * (p[0] - 8);
+  EXPECT_NEAR(shell_operators(mesh, 4).stretched_area, 40.0 / 48, 1e-12);
+  for (Vec3& p : mesh.points) p[1] *= 20;  // now the others
+  EXPECT_NEAR(shell_operators(mesh, 4).stretched_area, 8.0 / 48, 1e-12);
+}
+
 TEST(ShellOperators, GradientsOfLinearFieldsAreExact) {
   const Mesh mesh = shaken(8, 0.3, 1);
   const double scale = 2;
