@@ -335,7 +335,6 @@ class Carrier {
 
   /// Inner nodes of a patch that left the trimmed face, as their indices in it.
   std::vector<std::size_t> nodes_outside(int f, const FacePatch& patch) const {
-    if (keeps_parameters(f)) return {};
     const TopoDS_Face partner = after_.face(partners_.faces[f]);
     const auto surface = BRep_Tool::Surface(partner);
     BRepTopAdaptor_FClass2d region(partner, 1e-9);
