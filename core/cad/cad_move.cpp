@@ -307,7 +307,7 @@ class Carrier {
         if (fresh) {
           members.push_back(i);
           const bool inner = owners_[i].kind == Owner::Kind::face && owners_[i].index == f;
-          patch.nodes.push_back({places[i], inner ? parameters_[i] : uv_on_edges(partner, i, places[i]), inner});
+          patch.nodes.push_back({places[i], inner ? parameters_[i] : uv_on_edges(partner, i, places[i]), inner, is_pole(f, i)});
         }
         copy.nodes[c] = entry->second;
         copy.shape[c] = mesh_.points[nodes_[i]];
@@ -335,7 +335,6 @@ class Carrier {
 
   /// Inner nodes of a patch that left the trimmed face, as their indices in it.
   std::vector<std::size_t> nodes_outside(int f, const FacePatch& patch) const {
-    if (keeps_parameters(f)) return {};
     const TopoDS_Face partner = after_.face(partners_.faces[f]);
     const auto surface = BRep_Tool::Surface(partner);
     BRepTopAdaptor_FClass2d region(partner, 1e-9);
@@ -372,6 +371,15 @@ class Carrier {
       if (owner.kind == Owner::Kind::edge ? use.edge == owner.index : vertex_of(use.edge, owner.index)) return true;
     }
     return false;
+  }
+
+  /// Whether a node is at a vertex to which a side of the face in (u, v) has shrunk.
+  bool is_pole(int face, std::size_t i) const {
+    const Owner& owner = owners_[i];
+    const auto& uses = before_.coedges[face];
+    return owner.kind == Owner::Kind::vertex && std::any_of(uses.begin(), uses.end(), [&](const Coedge& use) {
+             return edges_[use.edge].degenerate() && vertex_of(use.edge, owner.index);
+           });
   }
 
   bool vertex_of(int edge, int vertex) const {
@@ -423,7 +431,7 @@ class Carrier {
     const auto surface = BRep_Tool::Surface(before_.face(face));
     for (const std::size_t i : corners) {
       gp_Pnt2d uv;
-      if (owners_[i].kind == Owner::Kind::face && owners_[i].index != face) continue;
+      if ((owners_[i].kind == Owner::Kind::face && owners_[i].index != face) || is_pole(face, i)) continue;
       if (!place_on(before_, face, owners_[i], owners_[i].index, owners_[i].uv, uv)) continue;
       gp_Pnt p;
       gp_Vec du, dv;

@@ -7,6 +7,7 @@
 #include <GeomAdaptor_Curve.hxx>
 #include <Geom_BSplineCurve.hxx>
 #include <Geom_Circle.hxx>
+#include <Geom_ConicalSurface.hxx>
 #include <Geom_Line.hxx>
 #include <Geom_Plane.hxx>
 #include <TColStd_Array1OfReal.hxx>
@@ -25,16 +26,24 @@ namespace {
 
 constexpr int probes = 16;
 constexpr double exact_share = 1e-3;  ///< of the tolerance, for lines and circles
+constexpr double at_pole = 10;        ///< tolerances from the axis
+constexpr double beside_pole = 100;   ///< likewise
 
 class Projection {
  public:
-  Projection(const Geom_ElementarySurface& surface, const CurveRange& range, const Geom2d_Curve& guess)
-      : surface_(surface), curve_(range.curve, range.from, range.to), guess_(guess) {}
+  Projection(const Geom_ElementarySurface& surface, const CurveRange& range, const Geom2d_Curve& guess, double tolerance)
+      : surface_(surface), curve_(range.curve, range.from, range.to), guess_(guess), range_(range), tolerance_(tolerance) {}
 
   gp_Pnt2d operator()(double t) const {
-    const gp_Pnt p = curve_.Value(t);
-    const std::array<double, 2> uv = analytic_parameters(surface_, {p.X(), p.Y(), p.Z()}, guess_.Value(t).X());
-    return {uv[0], uv[1]};
+    const gp_Pnt2d foot = foot_of(t);
+    if (!surface_.IsKind(STANDARD_TYPE(Geom_ConicalSurface)) || radius_at(foot) > at_pole * tolerance_) return foot;
+    // At the apex every u is the same place: that of the curve beside it goes on.
+    const double length = range_.to - range_.from, back = t - range_.from < range_.to - t ? 1 : -1;
+    for (double share = 1e-3; share < 0.5; share *= 2) {
+      const gp_Pnt2d beside = foot_of(t + back * share * length);
+      if (radius_at(beside) > beside_pole * tolerance_) return {beside.X(), foot.Y()};
+    }
+    return foot;
   }
   const GeomAdaptor_Curve& curve() const { return curve_; }
   /// Lengths of a step of u and of v.
@@ -47,9 +56,23 @@ class Projection {
   }
 
  private:
+  gp_Pnt2d foot_of(double t) const {
+    const gp_Pnt p = curve_.Value(t);
+    const std::array<double, 2> uv = analytic_parameters(surface_, {p.X(), p.Y(), p.Z()}, guess_.Value(t).X());
+    return {uv[0], uv[1]};
+  }
+  double radius_at(const gp_Pnt2d& uv) const {
+    gp_Pnt ignored;
+    gp_Vec along_u, along_v;
+    surface_.D1(uv.X(), uv.Y(), ignored, along_u, along_v);
+    return along_u.Magnitude();
+  }
+
   const Geom_ElementarySurface& surface_;
   const GeomAdaptor_Curve curve_;
   const Geom2d_Curve& guess_;
+  const CurveRange range_;
+  const double tolerance_;
 };
 
 /// Whether a curve in (u, v) is the projection, up to a length.
@@ -67,7 +90,7 @@ bool agrees(const Geom2d_Curve& curve, const Projection& projection, const Curve
 
 Handle(Geom2d_Curve) curve_on_surface(const Handle(Geom_ElementarySurface) & surface, const CurveRange& range,
                                       const Handle(Geom2d_Curve) & guess, double tolerance) {
-  const Projection projection(*surface, range, *guess);
+  const Projection projection(*surface, range, *guess, tolerance);
   std::array<double, 2> metric{};
   for (const double share : {0.02, 0.5, 0.98}) {
     const auto here = projection.metric(range.from + share * (range.to - range.from));

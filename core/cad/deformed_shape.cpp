@@ -10,14 +10,21 @@
 #include <BRepTools_Modifier.hxx>
 #include <BRep_Builder.hxx>
 #include <BRep_Tool.hxx>
+#include <Geom2d_BSplineCurve.hxx>
 #include <Geom2d_Curve.hxx>
 #include <Geom_BSplineCurve.hxx>
+#include <Geom_ConicalSurface.hxx>
 #include <Precision.hxx>
+#include <TColStd_Array1OfInteger.hxx>
+#include <TColStd_Array1OfReal.hxx>
+#include <TColgp_Array1OfPnt2d.hxx>
 #include <TopExp.hxx>
 #include <TopExp_Explorer.hxx>
 #include <TopoDS.hxx>
 #include <algorithm>
 #include <array>
+#include <cmath>
+#include <limits>
 #include <sstream>
 
 #include "core/base/error.h"
@@ -77,7 +84,9 @@ class RefitModification : public BRepTools_Modification {
     tolerance = Precision::Confusion();
     const int f = model_.faces.FindIndex(face) - 1, e = model_.edges.FindIndex(edge) - 1;
     if (f >= 0 && e >= 0 && !refitting_.reshaped(f).IsNull()) {
-      curve = curve_on_surface(refitting_.reshaped(f), {refitting_.curve(e), from, to}, kept, curve_tolerance_);
+      const bool pole = BRep_Tool::Degenerated(edge);
+      curve = pole ? pole_curve(f, *kept, from, to)
+                   : curve_on_surface(refitting_.reshaped(f), {refitting_.curve(e), from, to}, kept, curve_tolerance_);
     } else {
       curve = Handle(Geom2d_Curve)::DownCast(kept->Copy());
     }
@@ -98,6 +107,39 @@ class RefitModification : public BRepTools_Modification {
   }
 
  private:
+  /// At the apex of a reshaped cone, from the u of the edges that end there.
+  Handle(Geom2d_Curve) pole_curve(int f, const Geom2d_Curve& kept, double from, double to) const {
+    const auto cone = Handle(Geom_ConicalSurface)::DownCast(refitting_.reshaped(f));
+    const double v = -cone->RefRadius() / std::sin(cone->SemiAngle());
+    TColgp_Array1OfPnt2d ends(1, 2);
+    ends(1) = gp_Pnt2d(u_at(f, kept.Value(from)), v);
+    ends(2) = gp_Pnt2d(u_at(f, kept.Value(to)), v);
+    TColStd_Array1OfReal knots(1, 2);
+    knots(1) = from, knots(2) = to;
+    TColStd_Array1OfInteger multiplicities(1, 2);
+    multiplicities.Init(2);
+    return new Geom2d_BSplineCurve(ends, knots, multiplicities, 1);
+  }
+
+  /// On a reshaped face, where an edge ended at a place in (u, v) of the original.
+  double u_at(int f, const gp_Pnt2d& place) const {
+    double u = place.X(), nearest = std::numeric_limits<double>::infinity();
+    for (const Coedge& use : model_.coedges[f]) {
+      if (BRep_Tool::Degenerated(model_.edge(use.edge))) continue;
+      double from = 0, to = 0;
+      const TopoDS_Shape edge = model_.edge(use.edge).Oriented(use.sense > 0 ? TopAbs_FORWARD : TopAbs_REVERSED);
+      const Handle(Geom2d_Curve) kept = BRep_Tool::CurveOnSurface(TopoDS::Edge(edge), model_.face(f), from, to);
+      for (const double t : {from, to}) {
+        const double off = kept->Value(t).Distance(place);
+        if (off >= nearest) continue;
+        nearest = off;
+        const CurveRange range{refitting_.curve(use.edge), from, to};
+        u = curve_on_surface(refitting_.reshaped(f), range, kept, curve_tolerance_)->Value(t).X();
+      }
+    }
+    return u;
+  }
+
   const Model& model_;
   const Refitting& refitting_;
   const double curve_tolerance_;

@@ -36,6 +36,10 @@ Derivatives derivatives(const Handle(Geom_Surface) & surface, const Parameters& 
   return at;
 }
 
+Vector3d normal_of(const Handle(Geom_Surface) & surface, const FacePatch::Node& node) {
+  return node.pole ? Vector3d(Vector3d::Zero()) : derivatives(surface, node.uv).normal;
+}
+
 /// The inverse of a triangle at rest, in its plane, and its area.
 struct Rest {
   Eigen::Matrix2d inverse;
@@ -140,7 +144,7 @@ class Sliding {
     for (const std::size_t t : triangles_) {
       Vector3d sum = Vector3d::Zero();
       for (const int i : patch_.triangles[t].nodes) {
-        sum += slot_[i] >= 0 ? now_[slot_[i]].normal : derivatives(surface_, patch_.nodes[i].uv).normal;
+        sum += slot_[i] >= 0 ? now_[slot_[i]].normal : normal_of(surface_, patch_.nodes[i]);
       }
       const double size = sum.norm();
       normals_.push_back(size > 0 ? Vector3d(sum / size) : Vector3d::Zero());
@@ -261,7 +265,7 @@ class Sliding {
 
 std::vector<std::size_t> flipped_triangles(const Handle(Geom_Surface) & surface, const FacePatch& patch) {
   std::vector<Vector3d> normals;
-  for (const FacePatch::Node& node : patch.nodes) normals.push_back(derivatives(surface, node.uv).normal);
+  for (const FacePatch::Node& node : patch.nodes) normals.push_back(normal_of(surface, node));
   std::vector<std::size_t> flipped;
   for (std::size_t t = 0; t < patch.triangles.size(); ++t) {
     const auto& [a, b, c] = patch.triangles[t].nodes;

@@ -18,6 +18,7 @@ struct FacePatch {
     Vec3 place{};
     Parameters uv{};
     bool inner = false;  ///< off the edges: it may slide
+    bool pole = false;   ///< where the surface has no normal, or rounding gives it one, such as at the apex of a cone
   };
   struct Triangle {
     std::array<int, 3> nodes{};   ///< counter-clockwise seen along du x dv of the surface

@@ -6,6 +6,7 @@
 #include <Geom_BSplineCurve.hxx>
 #include <Geom_BSplineSurface.hxx>
 #include <Geom_Circle.hxx>
+#include <Geom_ConicalSurface.hxx>
 #include <Geom_Ellipse.hxx>
 #include <Geom_SphericalSurface.hxx>
 #include <Geom_ToroidalSurface.hxx>
@@ -23,6 +24,7 @@ namespace deform::cad {
 namespace {
 
 constexpr double fit_share = 0.35;          ///< of the tolerance, for each of u and v
+constexpr double pole_share = 0.01;         ///< of the limit of reshaped faces, where u near an apex shall mean something
 constexpr double box_margin = 1e-6;         ///< pcurves may leave the box of a face by their tolerance
 constexpr double check_spacing = 1.0 / 24;  ///< of D
 
@@ -258,7 +260,7 @@ void Refitting::judge(int f) {
     if (held_ != nullptr && hold(f, samples)) return;
     if (is_analytic(face.rest)) {
       const AnalyticFit fit = analytic_fit(face.rest, samples.before, samples.after);
-      if (fit.largest <= limits_.reshaped && !has_degenerate_edge(f)) {
+      if (fit.largest <= (has_degenerate_edge(f) ? pole_share * limits_.reshaped : limits_.reshaped) && may_be_reshaped(f)) {
         face.refit = Refit::reshaped;
         face.reshaped = fit.surface;
         align_seam(f);
@@ -274,7 +276,7 @@ void Refitting::judge(int f) {
 bool Refitting::hold(int f, const PlaceSamples& samples) {
   Face& face = faces_[f];
   const std::optional<HeldFace> held = held_->held(f, face.region, samples);
-  if (!held || (!held->surface.IsNull() && has_degenerate_edge(f))) return false;
+  if (!held || (!held->surface.IsNull() && !may_be_reshaped(f))) return false;
   face.held = true;
   face.refit = held->surface.IsNull() ? Refit::moved : Refit::reshaped;
   face.motion = held->motion;
@@ -314,6 +316,11 @@ void Refitting::hold_borders() {
   }
 }
 
+/// The poles of spheres need not stay poles, but the apex of a cone does.
+bool Refitting::may_be_reshaped(int f) const {
+  return faces_[f].rest->IsKind(STANDARD_TYPE(Geom_ConicalSurface)) || !has_degenerate_edge(f);
+}
+
 bool Refitting::has_degenerate_edge(int f) const {
   return std::any_of(model_.coedges[f].begin(), model_.coedges[f].end(),
                      [&](const Coedge& use) { return edges_[use.edge].rest.IsNull(); });
@@ -322,13 +329,25 @@ bool Refitting::has_degenerate_edge(int f) const {
 /// Turns a reshaped surface about its axis until the seam is on average at the u where it was.
 void Refitting::align_seam(int f) {
   Face& face = faces_[f];
-  double sum = 0;
+  double sum = 0, widest = 0;
   std::size_t count = 0;
+  const auto radius_at = [&](const Vec3& place) {
+    gp_Pnt ignored;
+    gp_Vec along_u, along_v;
+    const std::array<double, 2> uv = analytic_parameters(*face.reshaped, place, 0);
+    face.reshaped->D1(uv[0], uv[1], ignored, along_u, along_v);
+    return along_u.Magnitude();
+  };
+  for (const Coedge& use : model_.coedges[f]) {
+    if (!use.seam) continue;
+    for (const auto& [at, place] : edges_[use.edge].fit.places()) widest = std::max(widest, radius_at(place));
+  }
   for (const Coedge& use : model_.coedges[f]) {
     if (!use.seam) continue;
     double from = 0, to = 0;
     const Handle(Geom2d_Curve) curve = BRep_Tool::CurveOnSurface(model_.edge(use.edge), model_.face(f), from, to);
     for (const auto& [at, place] : edges_[use.edge].fit.places()) {
+      if (radius_at(place) < 1e-3 * widest) continue;  // at an apex
       const double u = curve->Value(at[0]).X();
       sum += analytic_parameters(*face.reshaped, place, u)[0] - u;
       ++count;

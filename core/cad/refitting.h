@@ -105,6 +105,7 @@ class Refitting {
   Face face_of(int f) const;
   Edge edge_of(int e) const;
   void judge(int f);
+  bool may_be_reshaped(int f) const;
   bool has_degenerate_edge(int f) const;
   void align_seam(int f);
   bool hold(int f, const PlaceSamples& samples);

@@ -3,6 +3,7 @@
 // code 1 when a limit is missed. `studs` is a model of 377 faces, which is added to a folder.
 //
 // usage: cad_bench FOLDER_OR_FILE... [--tolerance T] [--checks N] [--stages] [--keep FOLDER]
+#include <unistd.h>
 #include <BRepAlgoAPI_Cut.hxx>
 #include <BRepAlgoAPI_Fuse.hxx>
 #include <BRepGProp.hxx>
@@ -12,6 +13,7 @@
 #include <STEPControl_Writer.hxx>
 #include <ShapeUpgrade_UnifySameDomain.hxx>
 #include <TopTools_ListOfShape.hxx>
+
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -207,7 +209,8 @@ int main_of(int argc, char** argv) {
     }
   }
   cad::silence_messages();
-  const fs::path folder = options.keep.empty() ? fs::temp_directory_path() / "deform_cad_bench" : options.keep;
+  const fs::path folder =
+      options.keep.empty() ? fs::temp_directory_path() / ("deform_cad_bench_" + std::to_string(getpid())) : options.keep;
   fs::create_directories(folder);
   std::vector<fs::path> models;
   for (const fs::path& file : files) {
@@ -228,6 +231,7 @@ int main_of(int argc, char** argv) {
       options.tolerance);
   Worst worst;
   for (const fs::path& model : models) run(model, folder, options, worst);
+  if (options.keep.empty()) fs::remove_all(folder);
   std::printf("\n");
   Report report("CAD models");
   report.at_most("refusals that name no face", worst.refused_without_a_face, 0, "");

@@ -346,6 +346,26 @@ TEST_F(CadApply, ConesAndSpheresGrow) {
   EXPECT_NEAR(volume(deformed_sphere) / volume(zone), 1.331, 1e-6);
 }
 
+TEST_F(CadApply, AConeWithItsApexStaysACone) {
+  // It widens, and its seam turns about the axis, the more the higher.
+  const PointMap grown = [](const Vec3& p) {
+    const double angle = 0.3 * p[2];
+    return Vec3{1.2 * (p[0] * std::cos(angle) - p[1] * std::sin(angle)), 1.2 * (p[0] * std::sin(angle) + p[1] * std::cos(angle)),
+                1.1 * p[2]};
+  };
+  const TopoDS_Shape cone = BRepPrimAPI_MakeCone(1, 0, 2).Shape();
+  for (const char* extension : {".step", ".brep"}) {
+    const ApplyRequest asked = request(cone, extension);
+    EXPECT_EQ(apply_to_model(asked, each(grown)).count(Became::reshaped), 2u);
+    const TopoDS_Shape deformed = read(asked.output);
+    const BRepAdaptor_Surface surface = face_of(deformed, 1);
+    ASSERT_EQ(surface.GetType(), GeomAbs_Cone);
+    EXPECT_NEAR(std::abs(surface.Cone().SemiAngle()), std::atan(1.2 / 2.2), 1e-9);
+    EXPECT_LT(surface.Cone().Apex().Distance(gp_Pnt(0, 0, 2.2)), 1e-9);
+    EXPECT_NEAR(volume(deformed) / volume(cone), 1.44 * 1.1, 1e-5);
+  }
+}
+
 TEST_F(CadApply, WholeSpheresAndToriGrow) {
   const PointMap grown = [](const Vec3& p) { return Vec3{1.1 * p[0] + 3, 1.1 * p[1], 1.1 * p[2] - 1}; };
   const ApplyRequest sphere = request(BRepPrimAPI_MakeSphere(1.5).Shape(), ".step");

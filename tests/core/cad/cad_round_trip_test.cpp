@@ -170,6 +170,7 @@ class CadRoundTrip : public testing::Test {
     const CarriedNodes carried = carry_nodes(mesh, move);
     EXPECT_THAT(carried.notes, testing::Contains(HasSubstr("nodes keep their parameters")));
     EXPECT_LT(carried.distance, tolerance * size);
+    for (const FaceOutcome& face : carried.faces) EXPECT_EQ(face.warp_outside, 0u) << face.before;  // nor is anything slid
     ASSERT_EQ(carried.nodes.size(), mesh.point_count());
     double worst = 0;
     for (const Group& group : mesh.groups) {
