@@ -43,7 +43,7 @@ struct ResidentSystem {
   v1::SystemInfo told;          ///< the same without the setup where an answer would be too large with it
   std::size_t setup_bytes = 0;  ///< of a large setup, as it is kept
   Charge charge;                ///< of bytes(); the mesh has its own
-  PlaneSides sides;  ///< of its symmetry planes
+  PlaneSides sides;             ///< of its symmetry planes
   CellCheckCache cell_check;
   FaceCheckCache<FlipCheck> flip_check;
   FaceCheckCache<IntersectionCheck> intersection_check;
