@@ -14,6 +14,7 @@ namespace deform {
 /// model runs through itself. Immutable; any thread.
 class PlaneSides {
  public:
+  /// A plane and the side of it.
   struct Side {
     Vec3 normal{};      ///< unit, to the side of the points
     double offset = 0;  ///< the coordinate of x is normal . x + offset, model units
@@ -21,7 +22,7 @@ class PlaneSides {
   };
   /// What was found in some points of a design.
   struct Crossings {
-    std::size_t points = 0;
+    std::size_t points = 0;    ///< how many
     double distance = 0;       ///< of the farthest beyond its plane, model units
     std::size_t farthest = 0;  ///< its id, the first of several
 
@@ -32,9 +33,10 @@ class PlaneSides {
   };
 
   PlaneSides() = default;  ///< no planes
+  /// On these sides of them.
   explicit PlaneSides(std::vector<Side> sides) : sides_(std::move(sides)) {}
 
-  bool empty() const { return sides_.empty(); }
+  bool empty() const { return sides_.empty(); }  ///< whether there are no planes
   /// points: deformed points first, first + 1, ... of the mesh. rounding: how far their coordinates may be off, model units.
   Crossings crossings(std::span<const Vec3> points, std::size_t first, double rounding = 0) const;
 
