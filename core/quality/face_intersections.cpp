@@ -2,14 +2,13 @@
 #include "core/quality/face_intersections.h"
 
 #include <algorithm>
-#include <limits>
 #include <string>
 #include <utility>
 
 #include "core/base/error.h"
 #include "core/base/parallel.h"
-#include "core/base/vectors.h"
 #include "core/mesh/inspect.h"
+#include "core/mesh/polygon_fan.h"
 #include "core/mesh/triangle_pairs.h"
 
 namespace deform {
@@ -19,43 +18,11 @@ namespace {
 constexpr std::size_t grain = 1024;  // faces
 /// A triangle that intersects more at rest is taken to intersect whatever is near it.
 constexpr std::size_t most_partners = 32;
-constexpr double alike = 1e-9;  // of the area of a polygon: triangles that are not told apart
 
 void check_size(std::span<const Vec3> points, std::size_t expected) {
   if (points.size() == expected) return;
   throw Error(ErrorCode::invalid_argument,
               "points: " + std::to_string(points.size()) + ", expected " + std::to_string(expected) + ", those of the mesh");
-}
-
-/// The least area of the triangles of the fan around a corner, as a fraction of the area of the polygon and negative where it
-/// faces the other way.
-double least_area_of_fan(std::span<const PointId> corners, std::span<const Vec3> rest, std::size_t apex, const Vec3& area) {
-  const std::size_t size = corners.size();
-  const Vec3& a = rest[corners[apex]];
-  double least = std::numeric_limits<double>::infinity();
-  for (std::size_t i = 1; i + 1 < size; ++i) {
-    const Vec3 &b = rest[corners[(apex + i) % size]], &c = rest[corners[(apex + i + 1) % size]];
-    least = std::min(least, dot(cross(b - a, c - a), area));
-  }
-  return least / dot(area, area);
-}
-
-// The corners of straight quadratic faces are no such apex: two triangles of their fans have an area that is rounding, and turn
-// over as soon as an edge bends.
-std::size_t apex_of_fan(std::span<const PointId> corners, std::span<const Vec3> rest) {
-  if (corners.size() == 3) return 0;
-  Vec3 area{};
-  const Vec3& origin = rest[corners[0]];
-  for (std::size_t i = 2; i < corners.size(); ++i) area = area + cross(rest[corners[i - 1]] - origin, rest[corners[i]] - origin);
-  std::size_t best = 0;
-  double largest = -std::numeric_limits<double>::infinity();
-  for (std::size_t apex = 0; apex < corners.size(); ++apex) {
-    const double least = least_area_of_fan(corners, rest, apex, area);
-    if (!(least > largest + alike)) continue;  // nor without any area
-    largest = least;
-    best = apex;
-  }
-  return best;
 }
 
 }  // namespace
@@ -79,7 +46,8 @@ IntersectionCheck::IntersectionCheck(const Mesh& mesh, std::span<const Vec3> res
 void IntersectionCheck::add_fan(std::span<const PointId> corners, std::span<const Vec3> rest, FaceId face) {
   const std::size_t size = corners.size();
   if (size < 3) return;
-  const std::size_t apex = apex_of_fan(corners, rest);
+  // Not any corner: of straight quadratic faces, triangles whose area is rounding turn over as soon as an edge bends.
+  const std::size_t apex = fan_apex(rest, corners);
   for (std::size_t i = 1; i + 1 < size; ++i) {
     triangles_.push_back({corners[apex], corners[(apex + i) % size], corners[(apex + i + 1) % size]});
     face_of_.push_back(face);

@@ -23,7 +23,7 @@ struct IntersectingFace {
 /// Finds the faces of a surface that intersect others: where parts, or parts of a part, run into each other. Faces intersect if
 /// they have more in common than the corners and edges that they share, touching included; exactly (core/mesh/triangle_pairs.h).
 /// Points at the same place at rest are one as long as they stay together: STL files have corners of their own for each facet.
-/// A polygon is a fan of triangles, around the corner whose smallest triangle is largest at rest, the first of several. Triangles
+/// A polygon is a fan of triangles around its fan_apex() at rest (core/mesh/polygon_fan.h). Triangles
 /// without area are passed over: degenerate and flipped faces are other checks. Prepared once for a rest state, then used for
 /// many deformed ones. Immutable; any thread may call. Time: that of a search in a tree of boxes for each face.
 class IntersectionCheck {

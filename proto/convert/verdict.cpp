@@ -82,7 +82,7 @@ void judge_solution(const SolutionFacts& facts, const v1::DesignResult& result, 
                                                  rounded(result.estimated_error()) + ", and may be a thousand times too small");
   } else if (!facts.converged) {
     found.emplace_back(v1::VERDICT_BAD, "the solver did not reach its tolerance: " + error + condition_advice(facts) +
-                                            least_squares_advice(facts, result));
+                                            least_squares_advice(facts, result) + clamp_advice(facts));
   } else if (large) {
     found.emplace_back(result.relative_error() > bad_error ? v1::VERDICT_BAD : v1::VERDICT_DOUBTFUL,
                        error + least_squares_advice(facts, result) + clamp_advice(facts));

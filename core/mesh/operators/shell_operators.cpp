@@ -1,20 +1,17 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/mesh/operators/shell_operators.h"
 
-#include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <limits>
 
 #include "core/base/error.h"
 #include "core/base/number_text.h"
 #include "core/base/vectors.h"
+#include "core/mesh/polygon_fan.h"
 
 namespace deform {
 
 namespace {
-
-constexpr std::uint32_t most_fan_corners = 64;  // faces with more corners use their first fan
 
 using Entry = Eigen::Triplet<double, std::int64_t>;
 
@@ -84,41 +81,6 @@ struct Shape {
   }
 };
 
-/// Twice the area of a triangle in the direction of `up` over its longest side squared.
-double height(const Vec3& a, const Vec3& b, const Vec3& c, const Vec3& up) {
-  const Vec3 u = b - a, v = c - a, w = v - u;
-  const double longest = std::max({dot(u, u), dot(v, v), dot(w, w)});
-  return longest > 0 ? dot(cross(u, v), up) / longest : 0;
-}
-
-/// The corner of a polygon whose fan has the highest lowest triangle; the first of equal ones.
-std::uint32_t fan_apex(const Points& points, const PointId* corners, std::uint32_t m) {
-  if (m < 4 || m > most_fan_corners) return 0;
-  Vec3 up{};
-  for (std::uint32_t i = 2; i < m; ++i) {
-    const Vec3 &a = points[corners[0]], &b = points[corners[i - 1]], &c = points[corners[i]];
-    up = up + cross(b - a, c - a);
-  }
-  const double length = norm(up);
-  if (!(length > 0)) return 0;
-  up = up / length;
-  std::uint32_t apex = 0;
-  double best = -std::numeric_limits<double>::infinity();
-  for (std::uint32_t start = 0; start < m; ++start) {
-    double lowest = std::numeric_limits<double>::infinity();
-    for (std::uint32_t i = 2; i < m; ++i) {
-      const Vec3& b = points[corners[(start + i - 1) % m]];
-      const Vec3& c = points[corners[(start + i) % m]];
-      lowest = std::min(lowest, height(points[corners[start]], b, c, up));
-    }
-    if (lowest > best + 1e-9) {  // more than rounding
-      best = lowest;
-      apex = start;
-    }
-  }
-  return apex;
-}
-
 void check_scale(double scale) {
   if (!(scale > 0 && std::isfinite(scale))) {
     throw Error(ErrorCode::invalid_argument, "shell operators: scale must be positive and finite, got " + number_digits(scale));
@@ -134,7 +96,8 @@ std::vector<Triangle> fan_triangles(const Mesh& mesh, const std::vector<char>& f
     const PointId* corners = mesh.face_points.data() + first;
     first += mesh.face_sizes[f];
     if (!faces.empty() && faces[f] == 0) continue;
-    const std::uint32_t m = mesh.face_sizes[f], apex = fan_apex(mesh.points, corners, m);
+    const std::uint32_t m = mesh.face_sizes[f];
+    const auto apex = static_cast<std::uint32_t>(fan_apex(mesh.points, {corners, m}));
     for (std::uint32_t i = 2; i < m; ++i) {
       const PointId a = corners[apex], b = corners[(apex + i - 1) % m], c = corners[(apex + i) % m];
       if (a != b && b != c && c != a) triangles.push_back({{a, b, c}, static_cast<FaceId>(f)});

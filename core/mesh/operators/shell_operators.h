@@ -17,10 +17,9 @@ struct Triangle {
   FaceId face;
 };
 
-/// Triangulates the faces. A face with m > 3 corners becomes a fan around the corner that maximizes the height of its lowest
-/// triangle, so that hanging nodes on a straight side give no flat triangles and a concave quad is cut inside; with more than 64
-/// corners the fan is around the first one. Faces with fewer than three corners are left out, and so are triangles that repeat a
-/// point. `faces` is a mask of the faces to use; empty means all.
+/// Triangulates the faces: those with more than three corners as a fan around their fan_apex() (core/mesh/polygon_fan.h). Faces
+/// with fewer than three corners are left out, and so are triangles that repeat a point. `faces` is a mask of the faces to use;
+/// empty means all.
 std::vector<Triangle> fan_triangles(const Mesh& mesh, const std::vector<char>& faces = {});
 
 /// Differential operators on the triangles of a surface (Meyer et al. 2003; thesis 3.1 and 8.2), in coordinates divided by
