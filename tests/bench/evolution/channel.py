@@ -37,7 +37,7 @@ def openfoam():
 
 def solve(case, iterations, write=False, program="simpleFoam"):
     """Runs the solver from the fields in `case`/0, and writes the last fields if asked to. Raises RuntimeError with the end of its log."""
-    _limit(case, iterations, write)
+    limit(case, iterations, write)
     shutil.rmtree(case / "postProcessing", ignore_errors=True)
     done = subprocess.run([program], cwd=case, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     (case / "log").write_text(done.stdout)
@@ -45,7 +45,7 @@ def solve(case, iterations, write=False, program="simpleFoam"):
         raise RuntimeError(f"{program} in {case} ended with {done.returncode}:\n{done.stdout[-2000:]}")
 
 
-def _limit(case, iterations, write):
+def limit(case, iterations, write):
     control = case / "system/controlDict"
     text = re.sub(r"endTime \d+;", f"endTime {iterations};", control.read_text())
     control.write_text(re.sub(r"writeInterval \d+; writePrecision", f"writeInterval {iterations if write else 10**6}; writePrecision", text))
@@ -79,7 +79,7 @@ def make(folder):
     shutil.rmtree(case / "postProcessing")
     (case / "log").unlink()
     shutil.copy(HERE / "fitness.py", case)
-    _limit(case, ITERATIONS, write=False)
+    limit(case, ITERATIONS, write=False)
     (case / "outline.json").write_text(json.dumps(outline(read_points(case / "constant/polyMesh/points")).tolist()))  # last: it says that all is there
 
 

@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Makes docs/evolution.md and its figures: the evolutionary optimization of thesis chapter 5 with OpenFOAM as the fitness.
 
-usage: evolution_page.py [--seeds N] [--generations N] [--folder FOLDER] [--docs FOLDER] [BUILD_FOLDER]
+usage: evolution_page.py [--seeds N] [--generations N] [--car-generations N] [--folder FOLDER] [--docs FOLDER] [BUILD_FOLDER]
   --seeds N         runs of each method, 10 unless given
   --generations N   of 15 designs each, 100 unless given, as in the thesis
+  --car-generations N   of the one run of each method with the car, 20 unless given
   --folder FOLDER   of the studies, build/evolution unless given. What is there already is not evaluated again: run it again after an interruption,
                     or with more seeds or generations
   --docs FOLDER     where evolution.md and figures/ go, docs unless given
@@ -12,18 +13,16 @@ usage: evolution_page.py [--seeds N] [--generations N] [--folder FOLDER] [--docs
 Exit code 1 where a figure misses its limit: noise, systems prepared, histories, evaluations with gradients. What differs from the thesis is told only.
 
 Needs OpenFOAM (Debian: openfoam), matplotlib (python3-matplotlib) and pycma, and DEFORM_BUILD_PYTHON. A design takes about a quarter of a second
-of one core, so all of it three hours on one core."""
+of one core, one of the car five, so all of it five hours on one core."""
 import argparse
 import json
 import os
 import pathlib
 import resource
 import shutil
-import socket
 import subprocess
 import sys
 import tempfile
-import urllib.request
 from concurrent.futures import ThreadPoolExecutor
 
 os.environ["OPENBLAS_NUM_THREADS"] = "1"  # pycma's bits depend on it; before numpy is there
@@ -37,99 +36,13 @@ import matplotlib.collections  # noqa: E402
 import matplotlib.pyplot as plt  # noqa: E402
 import numpy as np  # noqa: E402
 
+import car_page  # noqa: E402
 import channel  # noqa: E402
 import fitness  # noqa: E402
 import gradient  # noqa: E402
+from runs import COLOURS, Run, Server, records, run_study, save, table, value  # noqa: E402
 
-COLOURS = {"rbf": "#00798c", "dm_ffd": "#d1495b", "ffd": "#edae49"}
 NOISE, SHARE, TENTH = 1e-4, 0.02, 0.1
-plt.rcParams.update({"font.size": 8, "font.family": "DejaVu Sans", "axes.spines.top": False, "axes.spines.right": False,
-                     "svg.hashsalt": "deformd", "svg.fonttype": "path", "savefig.bbox": "tight"})
-
-
-def save(figure, folder, name):
-    folder.mkdir(parents=True, exist_ok=True)
-    figure.savefig(folder / name, dpi=110, metadata={"Date": None} if name.endswith(".svg") else {"Software": None})
-    plt.close(figure)
-
-
-def table(head, rows):
-    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
-    return "\n".join(lines + ["| " + " | ".join(str(cell) for cell in row) + " |" for row in rows])
-
-
-# ---- running ----
-
-
-class Server:
-    """deformd with its figures."""
-
-    def __init__(self, folder):
-        import harness
-
-        with socket.socket() as free:
-            free.bind(("127.0.0.1", 0))
-            self._metrics = free.getsockname()[1]
-        folder.mkdir(exist_ok=True)
-        self._server = harness.Server(str(folder), "--metrics-address", f"127.0.0.1:{self._metrics}").start()
-        self.address = self._server.address
-        self.stop = self._server.stop
-
-    def figure(self, name):
-        with urllib.request.urlopen(f"http://127.0.0.1:{self._metrics}/metrics") as answer:
-            return sum(float(line.split()[-1]) for line in answer.read().decode().splitlines() if line.startswith(name))
-
-    def seconds(self):
-        """Of the processor."""
-        fields = pathlib.Path(f"/proc/{self._server.process.pid}/stat").read_text().rsplit(")", 1)[1].split()
-        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-
-
-def run_study(path, server):
-    environment = {**os.environ, "DEFORM_SERVER": server.address}
-    with open(path.with_suffix(".log"), "a") as log:
-        done = subprocess.run([sys.executable, "-m", "deformd.study", str(path)], env=environment, stdout=log, stderr=log)
-    if done.returncode != 0:
-        sys.exit(f"{path}: ended with {done.returncode}, see {path.with_suffix('.log')}")
-
-
-def records(path):
-    """Of a study, by number."""
-    lines = (path.with_suffix("") / "journal.jsonl").read_text().splitlines()
-    found = {each["number"]: each for each in map(json.loads, lines)}
-    return [found[number] for number in sorted(found)]
-
-
-# ---- what came of it ----
-
-
-def value(record):
-    return record["values"].get("fitness", np.inf)
-
-
-class Run:
-    """One study by CMA-ES."""
-
-    def __init__(self, path, seed, generations):
-        import cma
-
-        self.records = records(path)[:15 * generations]
-        self.generations = len(self.records) // 15
-        self.best = min(self.records, key=value)
-        self.course = np.minimum.accumulate([value(record) for record in self.records])
-        self.unusable = sum(record["verdict"] in ("bad", "failed") for record in self.records)
-        # pycma alone, told what the study was told: gives the step sizes, and shows that the study is pycma and nothing else.
-        designs = np.array([record["x"] for record in self.records])
-        span = 2 * channel.BOUND
-        strategy = cma.CMAEvolutionStrategy([0.5] * designs.shape[1], 0.1, {"bounds": [0, 1], "seed": seed, "verbose": -9, "popsize": 15, "CMA_mu": 2,
-                                                                             "CMA_active": False})
-        self.steps = [0.1 * span]
-        self.same = True
-        for first in range(0, 15 * self.generations, 15):
-            asked = strategy.ask()
-            self.same &= bool(np.array_equal(np.array([-channel.BOUND + np.asarray(u) * span for u in asked]) + 0.0, designs[first:first + 15]))
-            strategy.tell(asked, [value(record) if record["values"] else 1e60 for record in self.records[first:first + 15]])
-            self.steps.append(strategy.sigma * span)
 
 
 def quartiles(values):
@@ -334,11 +247,12 @@ Here it is a round body in a plane channel with 1,507 cells, because then a desi
 command, which goes on where it was stopped:
 
 ```
-tests/bench/evolution/evolution_page.py --seeds {seeds} --generations {generations}
+tests/bench/evolution/evolution_page.py --seeds {seeds} --generations {generations} --car-generations {data["car"]["generations"]}
 ```
 
 It needs Debian's `openfoam` (1912) and `python3-matplotlib`, and pycma. Without `--seeds` and `--generations` it runs 10 seeds and 100 generations, those of the thesis.
-**The figures below are of {seeds} seeds and {generations} generations**, {seeds * designs:,} designs per method: what fitted on two busy cores.
+**The figures below are of {seeds} seeds and {generations} generations**, {seeds * designs:,} designs per method, on two cores that had other work besides.
+[A car](#a-car) was optimized once with each method.
 
 ![best fitness and step size](figures/evolution_convergence.svg)
 
@@ -390,6 +304,7 @@ designs of CMA-ES; the table counts designs.
 The adjoint of OpenFOAM is that of the differential equations, not of its discretization; at rest its gradient and central differences of the computed drag
 include an angle of {data["angle"]:.0f} degrees. That is good enough to come down, not to end exactly at the minimum.
 
+{car_page.section(data["car"])}
 ## What it costs
 
 {facts}
@@ -435,7 +350,7 @@ def gather(folder, figures, server, seeds, generations):
             list(pool.map(lambda method: run_study(paths[method, seed], server), channel.METHODS))
     gradient_path = channel.gradient_study(folder, max(20, round(TENTH * 15 * generations)))
     run_study(gradient_path, server)
-    runs = {method: [Run(paths[method, seed], seed, generations) for seed in range(1, seeds + 1)] for method in channel.METHODS}
+    runs = {method: [Run(paths[method, seed], seed, generations, channel.BOUND) for seed in range(1, seeds + 1)] for method in channel.METHODS}
     descent = records(gradient_path)
     with deformd.Client(server.address) as client:
         systems = {method: client.prepare(str(folder / f"{method}.yaml")) for method in channel.METHODS}
@@ -470,6 +385,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--generations", type=int, default=100)
+    parser.add_argument("--car-generations", type=int, default=20)
     parser.add_argument("--folder", type=pathlib.Path, default=ROOT / "build" / "evolution")
     parser.add_argument("--docs", type=pathlib.Path, default=ROOT / "docs")
     parser.add_argument("build", nargs="?", type=pathlib.Path, default=ROOT / "build" / "release")
@@ -485,6 +401,7 @@ def main():
     server = Server(folder / "server")
     try:
         data = gather(folder, args.docs / "figures", server, args.seeds, args.generations)
+        data["car"] = car_page.gather(folder / "car", args.docs / "figures", server, args.car_generations)
     finally:
         server.stop()
     claims, text = page(data)
