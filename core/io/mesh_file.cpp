@@ -77,7 +77,7 @@ std::unique_ptr<MeshFile> parse_mesh(std::string bytes, const std::string& name,
 
 std::unique_ptr<MeshFile> read_mesh_file(const std::filesystem::path& path, const ReadOptions& options) {
   if (const auto parts = case_parts(path)) return read_parts(*parts);
-  if (is_openfoam(path)) return read_openfoam(path);
+  if (is_openfoam(path)) return read_openfoam(path, options.faces_of);
   explain_no_mesh(path);
   const Reader& reader = reader_of(path.string());  // a name that cannot be read is refused before its bytes are
   bool compressed = false;

@@ -93,6 +93,9 @@ struct ReadOptions {
   /// Whether with_points() turns the vertex normals of OBJ files with their faces. A normal then takes 60 bytes and a corner 4
   /// until the mesh file is destroyed.
   bool turn_normals = false;
+  /// An OpenFOAM mesh that lends faces, cells, patches and zones to points which have none, neither beside them nor in their
+  /// case, such as a result of `deform sweep`. Empty or not that of an OpenFOAM mesh: nothing is lent.
+  std::filesystem::path faces_of = {};
 };
 
 /// The main function of such a process: reads a request from standard input and answers on standard output. Returns the exit

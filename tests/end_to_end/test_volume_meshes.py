@@ -93,9 +93,15 @@ class OpenFoam(EndToEnd):
         self.deform("apply", "pipe.yaml", "--set", "up=0.1", "-o", "one")
         self.assertEqual(len(before), len(read_foam_points(self.path("one/polyMesh/points"))[0]))
 
+        # Points alone have the faces of the mesh they are compared with.
+        self.fails(1, "quality", "results/b", "--json", says=["results/constant/polyMesh/faces", "--before"])
+        alone = self.deform("quality", "results/b", "--before", "case", "--json").json
+        self.assertGreater(alone["displacement"], 0.099)
+
         # Beside constant of its own case, where the faces are found; not where they are those of another mesh.
         self.assertEqual(self.deform("sweep", "pipe.yaml", "--designs", "designs.csv", "-o", "case", "--json").json["written"], 2)
-        self.deform("quality", "case/b", "--json")
+        within = self.deform("quality", "case/b", "--before", "case", "--json").json
+        self.assertEqual({**within, "file": "results/b"}, alone)
         self.write("constant.csv", "name,up\nconstant,0.05\n")
         self.fails(1, "sweep", "pipe.yaml", "--designs", "constant.csv", "-o", "case", says=["would replace the source mesh"])
         os.makedirs(self.path("parts/constant"))

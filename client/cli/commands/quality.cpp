@@ -160,7 +160,9 @@ void add_quality_command(CLI::App& app, const CommonOptions& common, Action& cho
   auto* command = app.add_subcommand("quality", "Measure a surface or the cells of a volume mesh; needs no server");
   command->add_option("FILE", options->input.file, "Mesh: surface or volume, or one of the time folders of an OpenFOAM case")
       ->required();
-  command->add_option("--before", options->input.before, "The undeformed mesh, shown beside it");
+  command->add_option(
+      "--before", options->input.before,
+      "The undeformed mesh, shown beside it; lends its faces to points alone, as deform sweep writes them of OpenFOAM");
   add_gate_option(*command, options->fail_on, "Exit code 4 when NAME>NUMBER or NAME<NUMBER holds; may be repeated");
   command->add_option("--wall", options->input.walls, "Group of boundary faces whose first layer is measured; may be repeated")
       ->allow_extra_args(false);

@@ -122,8 +122,9 @@ MeasuredMesh measured_mesh(const std::string& path, const std::vector<std::strin
 Comparison compare(const ComparisonInput& input) {
   std::optional<MeasuredMesh> before;
   if (!input.before.empty()) before.emplace(measured_mesh(input.before, input.walls, input.reading));
-  Comparison result{
-      measured_mesh(input.file, input.walls, input.reading, before ? &before->mesh() : nullptr), std::nullopt, false, {}};
+  io::ReadOptions reading = input.reading;
+  reading.faces_of = input.before;
+  Comparison result{measured_mesh(input.file, input.walls, reading, before ? &before->mesh() : nullptr), std::nullopt, false, {}};
   result.before = std::move(before);
   if (result.before) add_comparison(result);
   for (const QualityRow& row : result.after.report.rows) {

@@ -372,6 +372,32 @@ TEST_F(OpenFoamFolder, RefusesPointsOfAnotherTopology) {
   test::expect_error(ErrorCode::invalid_argument, {"faces", "12", "0..12"}, [&] { read_mesh_file(folder_ / "0.3"); });
 }
 
+TEST_F(OpenFoamFolder, PointsAloneBorrowTheFacesOfAnotherMesh) {
+  const auto file = read_mesh_file(folder_);
+  Points moved = file->mesh()->points;
+  for (Vec3& p : moved) p[1] -= 0.5;
+  const fs::path alone = folder_ / "results" / "a";
+  write_mesh_file(*file, moved, alone);
+  test::expect_error(ErrorCode::not_found, {"faces", "--before", "link"}, [&] { read_mesh_file(alone); });
+  ReadOptions borrowing;
+  for (const char* lender : {"", "constant/polyMesh", "constant/polyMesh/points.gz"}) {
+    borrowing.faces_of = folder_ / lender;
+    const auto read = read_mesh_file(alone, borrowing);
+    EXPECT_EQ(read->mesh()->points, moved) << lender;
+    EXPECT_EQ(read->mesh()->cells->owner, file->mesh()->cells->owner);
+    EXPECT_EQ(read->mesh()->groups.size(), file->mesh()->groups.size());
+  }
+  // Those of its own case come first.
+  write_other_topology(folder_ / "other" / "constant" / "polyMesh");
+  borrowing.faces_of = folder_ / "other";
+  write_mesh_file(*file, moved, folder_ / "0.5");
+  EXPECT_EQ(read_mesh_file(folder_ / "0.5", borrowing)->mesh()->cells->face(10).size(), 4u);
+  // Faces of another mesh are noticed, and a lender that is none lends nothing.
+  test::expect_error(ErrorCode::invalid_argument, {"other", "faces", "0..12"}, [&] { read_mesh_file(alone, borrowing); });
+  borrowing.faces_of = folder_ / "missing.obj";
+  test::expect_error(ErrorCode::not_found, {"faces"}, [&] { read_mesh_file(alone, borrowing); });
+}
+
 TEST_F(OpenFoamFolder, Regions) {
   write_other_topology(folder_ / "constant" / "solid" / "polyMesh");
   fs::create_directories(folder_ / "constant" / "fluid");

@@ -130,10 +130,14 @@ FoamFiles::Part load_openfoam_file(const fs::path& folder, const char* name, con
   return {read_file(*path), path->string()};
 }
 
-FoamFolder load_openfoam(const fs::path& path) {
+FoamFolder load_openfoam(const fs::path& path, const fs::path& faces_of) {
   FoamFolder loaded;
   loaded.points = find_points(path).value();
-  const fs::path& folder = loaded.topology = topology_folder(loaded.points);
+  loaded.topology = topology_folder(loaded.points);
+  if (!existing(loaded.topology, "faces")) {
+    if (const auto lending = faces_of.empty() ? std::nullopt : find_points(faces_of)) loaded.topology = topology_folder(*lending);
+  }
+  const fs::path& folder = loaded.topology;
   FoamFiles& files = loaded.files;
   files.points = {read_file(loaded.points, &loaded.compressed), loaded.points.string()};
   files.faces = load_openfoam_file(folder, "faces");
@@ -146,8 +150,8 @@ FoamFolder load_openfoam(const fs::path& path) {
   return loaded;
 }
 
-std::unique_ptr<MeshFile> read_openfoam(const fs::path& path) {
-  FoamFolder loaded = load_openfoam(path);
+std::unique_ptr<MeshFile> read_openfoam(const fs::path& path, const fs::path& faces_of) {
+  FoamFolder loaded = load_openfoam(path, faces_of);
   auto file = parse_openfoam(std::move(loaded.files));
   file->compressed = loaded.compressed;
   if (loaded.topology != fs::absolute(loaded.points).parent_path()) check_all_used(*file, loaded.points, loaded.topology);

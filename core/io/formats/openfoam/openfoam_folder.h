@@ -24,13 +24,14 @@ struct FoamFolder {
   std::filesystem::path points, topology;  ///< the file of the points, the folder of the faces
   bool compressed = false;                 ///< whether the points were
 };
-/// For a path that satisfies is_openfoam().
-FoamFolder load_openfoam(const std::filesystem::path& path);
+/// For a path that satisfies is_openfoam(). faces_of: as of ReadOptions.
+FoamFolder load_openfoam(const std::filesystem::path& path, const std::filesystem::path& faces_of = {});
 /// FOLDER/NAME or FOLDER/NAME.gz. Throws Error(not_found) if there is neither, saying what it would be.
 FoamFiles::Part load_openfoam_file(const std::filesystem::path& folder, const char* name,
                                    const char* what =
                                        "which an OpenFOAM mesh has beside its points; a result of deform sweep is "
-                                       "points alone: link faces, owner, neighbour and boundary of the original beside them");
+                                       "points alone: name the original as well (--before of deform quality), or link faces, "
+                                       "owner, neighbour and boundary of it beside them");
 /// The number of points in a `points` file.
 std::size_t openfoam_point_count(const FoamFiles::Part& points);
 
@@ -45,9 +46,9 @@ void explain_no_mesh(const std::filesystem::path& path);
 /// case has a folder of the same time under another name.
 void check_openfoam_output(const std::filesystem::path& source, const std::filesystem::path& output);
 /// Reads a mesh. Faces, cells and patches that are not next to the points are taken from the last time folder up to that of the
-/// points that has some, otherwise from constant, in the same region. Throws Error(invalid_argument) if those faces leave
-/// points unused.
-std::unique_ptr<MeshFile> read_openfoam(const std::filesystem::path& path);
+/// points that has some, otherwise from constant, in the same region, otherwise from the mesh `faces_of` (see ReadOptions).
+/// Throws Error(invalid_argument) if those faces leave points unused.
+std::unique_ptr<MeshFile> read_openfoam(const std::filesystem::path& path, const std::filesystem::path& faces_of = {});
 /// The `points` file that is read for `path`, which must satisfy is_openfoam().
 std::filesystem::path openfoam_source_points(const std::filesystem::path& path);
 /// replaced_source() for a source that satisfies is_openfoam().
