@@ -15,6 +15,7 @@ namespace {
 
 constexpr std::size_t most_terms = PolynomialSpace::most_terms;
 constexpr double least_digits = 1e15;  // a condition with which refinement may fail to converge
+constexpr char instead[] = "LDL^T of differences between close centres was used instead.";
 
 }  // namespace
 
@@ -23,17 +24,19 @@ DenseInterpolator::DenseInterpolator(std::vector<Vec3> centres, const Interpolat
       solver_(options.solver == Solver::ldlt ? Solver::ldlt : Solver::cholesky) {
   const SaddleProblem problem{kernel_, centres_, polynomials_};
   factor_ = solver_ == Solver::ldlt ? factor_ldlt(problem, context) : factor_cholesky(problem, context);
-  if (factor_ && (options.solver == Solver::ldlt || options.solver == Solver::cholesky || factor_->condition() <= least_digits))
+  if (factor_ && (options.solver == Solver::cholesky || factor_->condition() <= least_digits)) return;
+  if (solver_ == Solver::ldlt) {
+    factor_.reset();  // before the next one takes memory
+    factor_ = factor_differences(problem, context);
     return;
+  }
   const std::size_t needed = peak_bytes(size(), Solver::ldlt);
   const bool too_large = options.memory_limit != 0 && needed > options.memory_limit;
   if (factor_) {
-    // Pivoting keeps digits that the complement of the polynomials has lost.
     if (too_large) return;
-    notes_.push_back(
-        "The Cholesky factor of the system of " + std::to_string(size()) +
-        " centres has hardly a correct digit (nearly coincident centres, or a shape parameter that is too large); LDL^T was used "
-        "instead.");
+    notes_.push_back("The Cholesky factor of the system of " + std::to_string(size()) +
+                     " centres has hardly a correct digit (nearly coincident centres, or a shape parameter that is too large); " +
+                     instead);
     factor_.reset();
   } else {
     const std::string reason = "Cholesky broke down: the system of " + std::to_string(size()) +
@@ -46,10 +49,10 @@ DenseInterpolator::DenseInterpolator(std::vector<Vec3> centres, const Interpolat
       throw Error(ErrorCode::out_of_budget, reason + ", and LDL^T needs " + mebibytes(needed) + ", available are " +
                                                 mebibytes(options.memory_limit) + "; remove nearly coincident centres");
     }
-    notes_.push_back(reason + "; LDL^T was used instead.");
+    notes_.push_back(reason + "; " + instead);
   }
   solver_ = Solver::ldlt;
-  factor_ = factor_ldlt(problem, context);
+  factor_ = factor_differences(problem, context);
 }
 
 Interpolants DenseInterpolator::interpolate(const Eigen::MatrixXd& F, double /*tolerance*/, const RunContext& context) const {

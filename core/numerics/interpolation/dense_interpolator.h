@@ -9,7 +9,8 @@
 namespace deform {
 
 /// Interpolation by a dense factorization of the system: Cholesky on the complement of the polynomials, or LDL^T of the bordered
-/// matrix, either on request or if Cholesky breaks down and the solver is `automatic`.
+/// matrix on request. Where Cholesky breaks down or has no correct digits and the solver is `automatic`, and where LDL^T has
+/// none, LDL^T of differences between close centres (DifferenceBasis).
 class DenseInterpolator : public Interpolator {
  public:
   DenseInterpolator(std::vector<Vec3> centres, const InterpolationOptions& options, const RunContext& context);

@@ -217,6 +217,24 @@ void residual_tile(const RadialKernel& kernel, const double* tile, const Vec3* c
   });
 }
 
+/// high, low: 16 values of the first centre, less those of a second one.
+void column_tile(const RadialKernel& kernel, const double* tile, const Vec3* centres, std::size_t count, double* high,
+                 double* low) {
+  HWY_ALIGN double h[2 * tile_size];
+  HWY_ALIGN double l[2 * tile_size];
+  const Images images(kernel.parity);
+  AllKernels::visit(kernel, [&](const auto& phi) { kernel_rows(phi, images, tile, centres, count, h, l); });
+  const D d;
+  for (std::size_t i = 0; i < tile_size; i += lanes) {
+    Pair value{hn::Load(d, h + i), hn::Load(d, l + i)};
+    if (count > 1) {
+      value = value + Pair{hn::Neg(hn::Load(d, h + tile_size + i)), hn::Neg(hn::Load(d, l + tile_size + i))};
+    }
+    hn::StoreU(value.hi, d, high + i);
+    hn::StoreU(value.lo, d, low + i);
+  }
+}
+
 }  // namespace deform::HWY_NAMESPACE
 HWY_AFTER_NAMESPACE();
 
@@ -259,6 +277,17 @@ Eigen::MatrixXd accurate_residual(const RadialKernel& kernel, std::span<const Ve
     }
   });
   return result;
+}
+
+HWY_EXPORT(column_tile);
+
+void accurate_column(const RadialKernel& kernel, const TiledPoints& points, const Vec3& centre, const Vec3* other, double* high,
+                     double* low) {
+  const Vec3 both[2] = {centre, other != nullptr ? *other : centre};
+  for (std::size_t t = 0; t < points.tiles(); ++t) {
+    HWY_DYNAMIC_DISPATCH(column_tile)
+    (kernel, points.tile(t), both, other != nullptr ? 2 : 1, high + t * tile_size, low + t * tile_size);
+  }
 }
 
 Eigen::MatrixXd root_square_sums(const RadialKernel& kernel, std::span<const Vec3> points, std::span<const Vec3> centres,
