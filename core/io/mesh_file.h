@@ -106,12 +106,12 @@ int serve_isolated_reader();
 /// OpenFOAM meshes: a folder that holds constant/polyMesh, polyMesh or the files of one, the path of its `points`, or a time
 /// folder of a case or the folder of a region in one. Files are searched as OpenFOAM does: in this folder, then in the last
 /// earlier time folder that has them, then in constant. A decomposed case is put together by the addresses of its parts: a case
-/// without a mesh of its own, and CASE/processor*/PLACE, which stands for the same place in every part. Throws
-/// Error(invalid_argument) naming file, line (or byte offset) and what was expected; Error(not_found) if the file cannot be
-/// opened. Gmsh (.msh): physical groups of surfaces contain faces, all others points; a group without a name is called
-/// "physical_2d_7". Abaqus (.inp): sets and surfaces, those of parts as "PART.NAME" if there are several parts or the assembly
-/// has the same name; the points of an instance are those of its part, without the transformation of the instance. Included files
-/// are relative to the folder of `path`. Nastran (.bdf .nas .dat): "pid_N" for the elements of property N.
+/// without a mesh of its own, and CASE/processor*/PLACE, which stands for the same place in every part, as does a CASE/PLACE that
+/// is nowhere else. Throws Error(invalid_argument) naming file, line (or byte offset) and what was expected; Error(not_found) if
+/// the file cannot be opened. Gmsh (.msh): physical groups of surfaces contain faces, all others points; a group without a name
+/// is called "physical_2d_7". Abaqus (.inp): sets and surfaces, those of parts as "PART.NAME" if there are several parts or the
+/// assembly has the same name; the points of an instance are those of its part, without the transformation of the instance.
+/// Included files are relative to the folder of `path`. Nastran (.bdf .nas .dat): "pid_N" for the elements of property N.
 std::unique_ptr<MeshFile> read_mesh_file(const std::filesystem::path& path, const ReadOptions& options = {});
 
 /// The same from memory. The extension of `name` selects the format; `name` is also used in errors. Counts in the file are

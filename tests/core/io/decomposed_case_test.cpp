@@ -308,6 +308,10 @@ TEST_F(DecomposedCase, EveryPartGetsItsPoints) {
   EXPECT_EQ(read_mesh_file(case_ / "processor*" / "0.5")->mesh()->points, moved);
   EXPECT_TRUE(fs::exists(case_ / "processor3" / "0.5" / "polyMesh" / "points"));
   EXPECT_FALSE(fs::exists(case_ / "0.5"));
+  for (const fs::path& written : {case_ / "0.5", case_ / "0.5" / "", case_ / "." / "0.5"}) {
+    EXPECT_EQ(read_mesh_file(written)->mesh()->points, moved) << "by the name it was given: " << written;
+  }
+  test::expect_error(ErrorCode::not_found, {"0.7", "no such file or folder"}, [&] { read_mesh_file(case_ / "0.7"); });
   EXPECT_EQ(read_mesh_file(case_)->mesh()->points, file->mesh()->points) << "the original stays";
   write_mesh_file(*file, moved, base_ / "elsewhere");
   write_mesh_file(*file, moved, case_ / "processor*" / "1");
@@ -437,6 +441,7 @@ TEST_F(DecomposedCase, EveryFolderOfCollatedPartsGetsItsPoints) {
     write_mesh_file(*file, moved, case_ / "0.5");
     EXPECT_EQ(read_mesh_file(case_ / "processor*" / "0.5")->mesh()->points, moved);
     EXPECT_EQ(read_mesh_file(case_ / last / "0.5")->mesh()->points, moved);
+    EXPECT_EQ(read_mesh_file(case_ / "0.5")->mesh()->points, moved);
     EXPECT_FALSE(fs::exists(case_ / "0.5"));
     EXPECT_EQ(read_mesh_file(case_)->mesh()->points, file->mesh()->points) << "the original stays";
     write_mesh_file(*file, moved, base_ / "elsewhere");

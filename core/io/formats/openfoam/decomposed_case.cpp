@@ -200,7 +200,29 @@ CollatedFile read_collated(const FoamFolder& folder, const CaseParts::Collated& 
 
 }  // namespace
 
+namespace {
+
+/// CASE/processor*/PLACE for a CASE/PLACE that is not there, but in the parts of the case: what output_parts() writes for it.
+std::optional<fs::path> place_in_parts(const fs::path& path) {
+  fs::path root = path.lexically_normal(), place;
+  if (!root.has_filename()) root = root.parent_path();
+  for (int names = 0; names < 2 && root.has_filename(); ++names) {  // a time, and a region in it
+    place = place.empty() ? root.filename() : root.filename() / place;
+    root = root.parent_path();
+    for (const fs::path& folder : folders_in(root)) {
+      const bool part = part_number(folder) || collated_folder(folder);
+      if (part && fs::is_directory(folder / place)) return root / every_part / place;
+    }
+  }
+  return std::nullopt;
+}
+
+}  // namespace
+
 std::optional<CaseParts> case_parts(const fs::path& path) {
+  if (!fs::exists(path)) {
+    if (const auto place = place_in_parts(path)) return case_parts(*place);
+  }
   CaseParts parts;
   if (const auto around = around_parts(path, [](const fs::path& name) { return collated_folder(name).has_value(); })) {
     parts.root = around->before;

@@ -31,8 +31,8 @@ struct CaseParts {
   std::filesystem::path at(std::size_t k) const { return root / folder(k) / place; }
 };
 
-/// The parts that a path names: CASE/processor*/PLACE, CASE/processorsN/PLACE, or a case that has no mesh but that of its parts;
-/// else std::nullopt. Throws Error(not_found) naming a part that is missing or has no mesh, and Error(invalid_argument) for a
+/// The parts that a path names: CASE/processor*/PLACE, CASE/processorsN/PLACE, a CASE/PLACE that is in the parts only, or a case
+/// that has no mesh but that of its parts; else std::nullopt. Throws Error(not_found) naming a part that is missing or has no mesh, and Error(invalid_argument) for a
 /// case that was decomposed into several numbers of collated parts.
 std::optional<CaseParts> case_parts(const std::filesystem::path& path);
 /// Puts the mesh together by the files pointProcAddressing, faceProcAddressing and cellProcAddressing of the parts: points,
