@@ -133,6 +133,7 @@ std::vector<codec::GroupView> group_views(const GeometryArrays& arrays) { return
 void ClientOptions::validate() const {
   check_range("connect_timeout (ms)", connect_timeout.count(), 1, 3'600'000);
   check_range("max_attempts", max_attempts, 1, 100);
+  if (patience) check_range("patience (ms)", patience->count(), 0, 7ll * 24 * 3'600'000);
   check_range("decode_threads", decode_threads, 0, 1024);
   check_range("max_in_flight", max_in_flight, 1, 10'000);
   check_range("encoding", encoding, v1::Encoding_MIN, v1::Encoding_MAX);

@@ -20,6 +20,7 @@ namespace {
 using Stub = v1::DeformService::StubInterface;
 
 constexpr std::chrono::milliseconds longest_probe{2000};
+constexpr std::chrono::milliseconds patience_after_an_answer{30'000};
 constexpr std::chrono::milliseconds look_around{50};  ///< how soon a stop or a deadline ends waiting for a connection
 
 /// All its digits, so that nothing else of what a caller gives goes into metadata.
@@ -66,6 +67,24 @@ void Connection::wait_for_answer(Server& server, const RunContext& limits) const
     limits.check();
     server.channel->WaitForStateChange(state, std::chrono::system_clock::now() + look_around);
   }
+}
+
+void Connection::wait_for_return(Server& server, std::chrono::milliseconds longest, const RunContext& limits) const {
+  const auto end = RunContext::Clock::now() + longest;
+  bool was_away = false;
+  while (RunContext::Clock::now() < end) {
+    const grpc_connectivity_state state = server.channel->GetState(true);
+    if (state == GRPC_CHANNEL_READY && was_away) break;
+    was_away = was_away || state != GRPC_CHANNEL_READY;
+    limits.check();
+    const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(end - RunContext::Clock::now());
+    server.channel->WaitForStateChange(state, std::chrono::system_clock::now() + std::min(left, look_around));
+  }
+  limits.check();
+}
+
+std::chrono::milliseconds Connection::patience() const {
+  return options.patience.value_or(answered ? patience_after_an_answer : std::chrono::milliseconds(0));
 }
 
 RunContext limits_of(const CallOptions& options) {

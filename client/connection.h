@@ -35,6 +35,7 @@ struct Connection {
   HeldCopies held;                       ///< where keeps_copies()
   std::atomic<bool> own_channel{false};  ///< made for the addresses of the options
   std::atomic<std::uint64_t> calls{0};   ///< so far; gives each call a seed of its own
+  std::atomic<bool> answered{false};     ///< a server has answered some call
   IdMap<std::string> geometry_of;        ///< of systems, as far as it was told
   IdMap<Server*> found_at;               ///< ids that a server knew and one that is asked before it did not
   ThreadPool pool;                       ///< for decoding; last, so that its tasks end first
@@ -48,6 +49,11 @@ struct Connection {
   /// Waits for the connection that gRPC tries to make, one attempt long: until then calls would fail by the error of the attempt
   /// before. A stop or the deadline ends it by its Error.
   void wait_for_answer(Server& server, const RunContext& limits) const;
+  /// Waits for the server's return: `longest`, or until there is a connection again where there was none. While nobody waits
+  /// so, gRPC goes on with connecting only every 5 s. A stop or the deadline ends it by its Error.
+  void wait_for_return(Server& server, std::chrono::milliseconds longest, const RunContext& limits) const;
+  /// Of ClientOptions, as it is now.
+  std::chrono::milliseconds patience() const;
   /// Cached, or fetched once.
   std::shared_ptr<const Points> registered_points(const std::string& geometry_id, const RunContext& limits);
 

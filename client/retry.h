@@ -23,8 +23,8 @@ enum class Repeat {
   afresh  ///< some of its result came, and only the rest is asked for: attempts count from here
 };
 
-/// Decides about another attempt and waits for it: exponential with jitter for lost connections (100 ms, 200 ms, ... each times
-/// 0.5 to 1.5), the server's own hint (times 1 to 1.5) for refusals. Same seed, same waiting times. One thread.
+/// Decides about another attempt and waits for it: exponential with jitter for lost connections (100 ms, 200 ms, ... 6.4 s, each
+/// times 0.5 to 1.5), the server's own hint (times 1 to 1.5) for refusals. Same seed, same waiting times. One thread.
 class RetryPolicy {
  public:
   /// How often, and after which errors.
@@ -32,6 +32,8 @@ class RetryPolicy {
     int max_attempts = 4;       ///< the first one included
     std::uint64_t seed = 1;     ///< of the jitter
     Retry retry = Retry::safe;  ///< which errors allow another attempt
+    /// From the first failure on attempts go on for so long while connections are lost, however many there were.
+    std::chrono::milliseconds patience{0};
   };
   /// For one call.
   explicit RetryPolicy(const Options& options) : options_(options), random_(options.seed) {}
@@ -40,7 +42,10 @@ class RetryPolicy {
   std::optional<std::chrono::milliseconds> next_wait(const Error& error);
 
   /// The attempts count from here.
-  void start_afresh() { failed_attempts_ = 0; }
+  void start_afresh() {
+    failed_attempts_ = 0;
+    first_failure_.reset();
+  }
 
   /// Waits; a stop or the deadline of the context ends it by its Error.
   static void wait(std::chrono::milliseconds duration, const RunContext& context);
@@ -51,6 +56,7 @@ class RetryPolicy {
   const Options options_;
   std::uint64_t random_;
   int failed_attempts_ = 0;
+  std::optional<RunContext::Clock::time_point> first_failure_;
 };
 
 }  // namespace deform::client

@@ -34,7 +34,7 @@ Route::Route(Connection& connection, Subject subject, Retry retry)
       geometry_(subject_.geometry.empty() ? connection.geometry_of.get(subject_.system).value_or("") : subject_.geometry),
       retry_(retry),
       policy_({connection.options.replicas ? 2 * connection.options.max_attempts : connection.options.max_attempts,
-               connection.options.retry_seed + connection.calls++, retry}) {
+               connection.options.retry_seed + connection.calls++, retry, connection.patience()}) {
   begin_round();
 }
 
@@ -47,7 +47,12 @@ void Route::begin_round() {
 }
 
 void Route::go(const RunContext& limits) {
-  if (wait_.count() > 0) RetryPolicy::wait(std::exchange(wait_, std::chrono::milliseconds(0)), limits);
+  const auto wait = std::exchange(wait_, std::chrono::milliseconds(0));
+  if (Server* lost = std::exchange(returning_, nullptr)) {
+    connection_.wait_for_return(*lost, wait, limits);
+  } else if (wait.count() > 0) {
+    RetryPolicy::wait(wait, limits);
+  }
   if (Server* silent = std::exchange(connect_to_, nullptr)) connection_.wait_for_answer(*silent, limits);
   limits.check();
   if (!bring_) return;
@@ -56,6 +61,7 @@ void Route::go(const RunContext& limits) {
 }
 
 void Route::arrived() {
+  connection_.answered = true;
   if (unknown_) connection_.found_at.keep(geometry_.empty() ? subject_.system : geometry_, &server());
 }
 
@@ -105,6 +111,7 @@ void Route::failed(const Error& error, const RunContext& limits, Repeat repeat) 
   const auto* none = dynamic_cast<const NotConnected*>(&error);
   connect_to_ = none != nullptr && none->silent() ? &server() : nullptr;
   if (partly || lost) begin_round();
+  returning_ = error.code() == ErrorCode::unavailable && connect_to_ == nullptr ? &server() : nullptr;
 }
 
 }  // namespace deform::client

@@ -76,6 +76,7 @@ class Route {
   // before the next attempt
   std::chrono::milliseconds wait_{0};
   Server* connect_to_ = nullptr;
+  Server* returning_ = nullptr;  ///< the wait may end when it is back
   bool bring_ = false;
 };
 

@@ -560,10 +560,72 @@ TEST(Client, SaysWhenNobodyListens) {
   expect_error(ErrorCode::unavailable, {"cannot reach deformd at 127.0.0.1:1", "start it"}, [&] { client.server_info(); });
 }
 
+/// A server that answers calls for ServerInfo, at a port where there was none for a while.
+class ReturningServer {
+ public:
+  explicit ReturningServer(int port)
+      : thread_([this, port] {
+          std::this_thread::sleep_for(std::chrono::milliseconds(700));
+          service_ = std::make_unique<ScriptedService>(port);
+          service_->on_info = [](grpc::ServerContext&, v1::ServerInfo&) { return grpc::Status::OK; };
+        }) {}
+  ~ReturningServer() { thread_.join(); }
+
+ private:
+  std::unique_ptr<ScriptedService> service_;
+  std::thread thread_;
+};
+
+// Within less than the 5 s after which gRPC itself would go on with connecting.
+TEST(Client, GoesOnAsSoonAsTheServerIsBack) {
+  for (const bool after_an_answer : {true, false}) {
+    SCOPED_TRACE(after_an_answer);
+    auto service = std::make_unique<ScriptedService>();
+    service->on_info = [](grpc::ServerContext&, v1::ServerInfo&) { return grpc::Status::OK; };
+    ClientOptions options;
+    options.address = service->address();
+    options.max_attempts = 1;
+    options.patience = std::chrono::seconds(4);
+    Client client(options);
+    if (after_an_answer) client.server_info();
+    const int port = service->port();
+    service.reset();
+    const ReturningServer returning(port);
+    EXPECT_NO_THROW(client.server_info());
+  }
+}
+
+TEST(Client, IsPatientOnceThereWasAnAnswer) {
+  auto service = std::make_unique<ScriptedService>();
+  service->on_info = [](grpc::ServerContext&, v1::ServerInfo&) { return grpc::Status::OK; };
+  ClientOptions options;
+  options.address = service->address();
+  options.max_attempts = 1;
+  Client client(options), impatient([&] {
+    ClientOptions other = options;
+    other.patience = std::chrono::seconds(0);
+    return other;
+  }()),
+      new_one(options);
+  client.server_info();
+  impatient.server_info();
+  const int port = service->port();
+  service.reset();
+  expect_error(ErrorCode::unavailable, {"cannot reach"}, [&] { new_one.server_info(); });
+  expect_error(ErrorCode::unavailable, {options.address.c_str()}, [&] { impatient.server_info(); });
+  const ReturningServer returning(port);
+  EXPECT_NO_THROW(client.server_info());
+}
+
 TEST(Client, ChecksItsOptions) {
   ClientOptions options;
   options.max_attempts = 0;
   expect_error(ErrorCode::invalid_argument, {"max_attempts", "1 to 100"}, [&] { Client client(options); });
+  options.max_attempts = 1;
+  for (const std::chrono::hours patience : {std::chrono::hours(-1), std::chrono::hours(7 * 24 + 1)}) {
+    options.patience = patience;
+    expect_error(ErrorCode::invalid_argument, {"patience (ms)", "0 to 604800000"}, [&] { Client client(options); });
+  }
 }
 
 TEST(Client, FollowsPagesToTheEnd) {

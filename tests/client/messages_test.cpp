@@ -83,6 +83,22 @@ TEST(Retry, SameSeedSameWaitingTimesThatGrow) {
   EXPECT_FALSE(a.next_wait(lost));
 }
 
+TEST(Retry, APatientOneWaitsForLostConnectionsOnly) {
+  const Error lost(ErrorCode::unavailable, "lost"), full(ErrorCode::out_of_budget, "the queue is full", 20);
+  client::RetryPolicy patient({2, 7, client::Retry::safe, std::chrono::hours(1)});
+  for (int k = 0; k < 20; ++k) {
+    const auto wait = patient.next_wait(lost);
+    ASSERT_TRUE(wait) << k;
+    EXPECT_LE(wait->count(), 9600) << "no longer than 6.4 s, times at most 1.5";
+  }
+  EXPECT_FALSE(patient.next_wait(full));
+  patient.start_afresh();
+  EXPECT_TRUE(patient.next_wait(full));
+  EXPECT_FALSE(patient.next_wait(full)) << "attempts count";
+  client::RetryPolicy removing({2, 7, client::Retry::when_refused, std::chrono::hours(1)});
+  EXPECT_FALSE(removing.next_wait(lost)) << "it may have been carried out";
+}
+
 TEST(Retry, WhatWasNeverSentMayBeRepeatedAlways) {
   const Error lost(ErrorCode::unavailable, "lost");
   const client::NotConnected unreached("nobody listens there", false);

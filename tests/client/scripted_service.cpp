@@ -18,10 +18,10 @@ const grpc::Status no_script(grpc::StatusCode::UNIMPLEMENTED, "no script");
 
 }  // namespace
 
-ScriptedService::ScriptedService() {
+ScriptedService::ScriptedService(int port) {
   grpc::ServerBuilder builder;
   builder.RegisterService(this);
-  builder.AddListeningPort("127.0.0.1:0", grpc::InsecureServerCredentials(), &port_);
+  builder.AddListeningPort("127.0.0.1:" + std::to_string(port), grpc::InsecureServerCredentials(), &port_);
   server_ = builder.BuildAndStart();
 }
 

@@ -20,10 +20,12 @@ class ScriptedService final : public v1::DeformService::Service {
   using Writer = grpc::ServerWriterInterface<v1::DeformReply>;
   using Stream = grpc::ServerReaderWriterInterface<v1::DeformReply, v1::DeformStreamRequest>;
 
-  ScriptedService();
+  /// port: of 127.0.0.1; 0: any that is free.
+  explicit ScriptedService(int port = 0);
   ~ScriptedService() override;
 
   client::Client client(client::ClientOptions options = {});
+  int port() const { return port_; }
   /// 127.0.0.1 and the port.
   std::string address() const;
   /// Nobody answers any more; calls under way are cut off.

@@ -3,6 +3,7 @@
 
 import collections
 import os
+import shutil
 import subprocess
 import sys
 
@@ -313,6 +314,25 @@ def test_dakota_measures_with_options(dakota, system):
                              ("v={thickness}: 1", "expected RESPONSE={MEASURE"), ("v=drag", "'drag', expected one of volume, ")):
         done, _ = dakota(text, "--measure", measure)
         assert done.returncode == 1 and message in done.stderr, done.stderr
+
+
+def test_dakota_finds_the_mesh_beside_a_compiled_deformation(case, tmp_path, system):
+    kept = tmp_path / "kept"
+    kept.mkdir()
+    shutil.copy(case.mesh, kept)
+    system.local().save(kept / "car.deformation")
+    (tmp_path / "params.in").write_text(STANDARD.format(a=0.01, b=0, active=1))
+
+    def run(*options):
+        return subprocess.run([sys.executable, "-m", "deformd.dakota", "--setup", str(kept / "car.deformation"), *options, *MEASURES, "params.in", "results.out"],
+                              cwd=tmp_path, capture_output=True, text=True, timeout=60)
+
+    assert run().returncode == 0
+    results = (tmp_path / "results.out").read_text()
+    os.rename(kept / case.mesh.name, tmp_path / "other.obj")
+    missing = run()
+    assert missing.returncode == 1 and "mesh: missing, and it does not stand beside" in missing.stderr
+    assert run("--mesh", str(tmp_path / "other.obj")).returncode == 0 and (tmp_path / "results.out").read_text() == results
 
 
 def test_dakota_batch_and_fail(dakota):

@@ -71,6 +71,41 @@ def test_a_design_of_experiments(study, system):
     assert [each["number"] for each in json.loads((study.folder / "history.json").read_text())] == list(range(8))
 
 
+def test_a_table_is_that_of_a_sweep(study, case, tmp_path):
+    """The same file serves both; a column is left at 0 where there is none."""
+    (tmp_path / "designs.csv").write_text("name; roof_up\nfirst; 0.01\n\n;-0.02\n")
+    code, told = study("doe: {table: designs.csv}\nevaluate: {measures: {v: volume}}")
+    assert code == 0, told
+    case.command("sweep", case.setup, "--designs", tmp_path / "designs.csv", "-o", tmp_path / "swept")
+    assert [(float(row["roof_up"]), float(row["slant_turn"])) for row in study.history()] == [(0.01, 0), (-0.02, 0)]
+
+
+@pytest.mark.parametrize("table, says", [
+    ("roof_up,slant_turn\n0.01,0\nnan,0\n", "line 3: roof_up: nan, expected a finite number"),
+    ("roof_up,slant_turn\n0.01,0\n0.01, inf\n", "line 3: slant_turn: inf, expected a finite number"),
+    ("roof_up\n0,01\n", "line 2: 2 columns, the header has 1"), ("roof_up,slant_turn\n0.1\n", "line 2: 1 columns, the header has 2"),
+    ("roof_up\nhigh\n", "line 2: roof_up: high, expected a number"), ("roof_up,roof_up\n1,2\n", "the columns are roof_up, roof_up, expected some of roof_up, slant_turn"),
+    ("name\na\n", "the columns are name, expected some of"), ("roof_up,roof_dwn\n0,0\n", "the columns are roof_up, roof_dwn, expected"), ("", "the columns are missing"),
+    ("roof_up\n\n", "no designs")])
+def test_a_table_that_is_wrong(study, tmp_path, table, says):
+    (tmp_path / "designs.csv").write_text(table)
+    code, told = study("doe: {table: designs.csv}\nevaluate: {measures: {v: volume}}")
+    assert code == 1 and says in told and "doe.table: " in told and "Traceback" not in told, told
+
+
+def test_a_server_that_is_restarted_is_waited_for(study, case):
+    process = study.start("doe: {halton: 12}\nevaluate: {function: study_functions:height}\nplace: {threads: 2}", STUDY_SECONDS="0.2")
+    while not study.log.exists() or len(study.evaluated()) < 3:
+        assert process.poll() is None, process.communicate()[0]
+        time.sleep(0.02)
+    case.server.kill()
+    time.sleep(1.5)  # longer than four attempts take
+    case.server.start()
+    told = process.communicate(timeout=200)[0]
+    assert process.returncode == 0, told
+    assert len(study.history()) == len(study.evaluated()) == 12 and {row["verdict"] for row in study.history()} == {"good"}
+
+
 def test_a_data_set_has_checked_meshes_and_reasons(study, system, tmp_path):
     (tmp_path / "designs.csv").write_text("slant_turn,roof_up\n0.1,0.02\n0,9\n-0.1,0\n")
     code, told = study("doe: {table: designs.csv}\nmeshes: .obj")

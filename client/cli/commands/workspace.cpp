@@ -30,7 +30,8 @@ client::ClientOptions with_patience(client::ClientOptions options, std::chrono::
     waited += pause;
     ++attempts;
   }
-  options.max_attempts = std::max(options.max_attempts, attempts);
+  options.max_attempts = std::max(options.max_attempts, attempts);  // of refusals, too
+  options.patience = std::chrono::duration_cast<std::chrono::milliseconds>(patience);
   return options;
 }
 

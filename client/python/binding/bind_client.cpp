@@ -30,6 +30,7 @@ struct ClientSettings {
   bool replicas;
   double connect_timeout;
   int max_attempts;
+  std::optional<double> patience;
   int threads;
   std::string encoding;
   std::uint64_t retry_seed;
@@ -43,6 +44,7 @@ client::ClientOptions options_of(const ClientSettings& settings) {
   options.replicas = settings.replicas;
   options.connect_timeout = std::chrono::milliseconds(static_cast<std::int64_t>(settings.connect_timeout * 1000));
   options.max_attempts = settings.max_attempts;
+  if (settings.patience) options.patience = std::chrono::milliseconds(static_cast<std::int64_t>(*settings.patience * 1000));
   options.decode_threads = settings.threads;
   options.encoding = encoding_named(settings.encoding);
   options.retry_seed = settings.retry_seed;
@@ -214,16 +216,16 @@ void bind_client(py::module_& module) {
            py::arg("timeout") = py::none(), py::arg("cancel") = py::none());
 
   py::class_<Client>(module, "Client")
-      .def(py::init([](const std::string& address, bool replicas, double connect_timeout, int max_attempts, int threads,
-                       const std::string& encoding, std::uint64_t retry_seed, bool tls, const std::string& ca,
-                       const std::string& cert, const std::string& key, const std::string& server_name,
-                       const std::string& token_file) {
-             return std::make_unique<Client>(options_of({address, replicas, connect_timeout, max_attempts, threads, encoding,
-                                                         retry_seed, tls, ca, cert, key, server_name, token_file}));
+      .def(py::init([](const std::string& address, bool replicas, double connect_timeout, int max_attempts,
+                       std::optional<double> patience, int threads, const std::string& encoding, std::uint64_t retry_seed,
+                       bool tls, const std::string& ca, const std::string& cert, const std::string& key,
+                       const std::string& server_name, const std::string& token_file) {
+             return std::make_unique<Client>(options_of({address, replicas, connect_timeout, max_attempts, patience, threads,
+                                                         encoding, retry_seed, tls, ca, cert, key, server_name, token_file}));
            }),
-           py::arg("address"), py::arg("replicas"), py::arg("connect_timeout"), py::arg("max_attempts"), py::arg("threads"),
-           py::arg("encoding"), py::arg("retry_seed"), py::arg("tls"), py::arg("ca"), py::arg("cert"), py::arg("key"),
-           py::arg("server_name"), py::arg("token_file"))
+           py::arg("address"), py::arg("replicas"), py::arg("connect_timeout"), py::arg("max_attempts"), py::arg("patience"),
+           py::arg("threads"), py::arg("encoding"), py::arg("retry_seed"), py::arg("tls"), py::arg("ca"), py::arg("cert"),
+           py::arg("key"), py::arg("server_name"), py::arg("token_file"))
       .def_property_readonly("encoding", [](const Client& client) { return v1::Encoding_Name(client.encoding()); })
       .def("register", &register_mesh, py::arg("mesh"), py::arg("name"), py::arg("progress"), py::arg("limits"))
       .def("points", &registered_points, py::arg("id"), py::arg("limits"))

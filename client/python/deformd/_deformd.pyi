@@ -100,7 +100,7 @@ class Setup:
 
 class Client:
     def __init__(
-        self, address: str, replicas: bool, connect_timeout: float, max_attempts: int, threads: int, encoding: str, retry_seed: int,
+        self, address: str, replicas: bool, connect_timeout: float, max_attempts: int, patience: Optional[float], threads: int, encoding: str, retry_seed: int,
         tls: bool, ca: str, cert: str, key: str, server_name: str, token_file: str,
     ) -> None: ...
     @property

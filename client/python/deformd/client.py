@@ -28,6 +28,9 @@ class Client:
     timeout: seconds for each call that has no timeout of its own; None: no limit.
     connect_timeout: seconds for one attempt to connect.
     max_attempts: of a call that is safe to repeat, while the server cannot be reached or asks to come back later; twice as many with `replicas`.
+    patience: seconds, from the first failure of a call, for which attempts go on beyond max_attempts while no server can be reached. Unless
+      given 30 once this client has had an answer, so that a restart of the server ends nothing, and 0 before, so that a wrong address is told at
+      once.
     threads: for decoding; 0: all cores.
     encoding: of points, "RAW_F64", "RAW_F32", "DRACO" or "DELTA_ZSTD"; unless given RAW_F64 for a server on this machine, else DELTA_ZSTD.
 
@@ -52,6 +55,7 @@ class Client:
         timeout: Optional[float] = None,
         connect_timeout: float = 5.0,
         max_attempts: int = 4,
+        patience: Optional[float] = None,
         threads: int = 0,
         encoding: Optional[str] = None,
         tls: Optional[bool] = None,
@@ -81,10 +85,10 @@ class Client:
             files.update(ca="", cert="", key="", server_name="")
         several = _switched_on("DEFORM_REPLICAS") or known.get("replicas", False) if replicas is None else bool(replicas)
         self._settings = {"replicas": several, "timeout": timeout, "connect_timeout": connect_timeout, "max_attempts": max_attempts,
-                          "threads": threads, "encoding": encoding, "tls": encrypt, **{name: value or None for name, value in files.items()}}
+                          "patience": patience, "threads": threads, "encoding": encoding, "tls": encrypt, **{name: value or None for name, value in files.items()}}
         self._process = os.getpid()
         self._connection: Optional[_deformd.Client] = _deformd.Client(
-            self.address, several, float(connect_timeout), int(max_attempts), int(threads), encoding or "", self._process,
+            self.address, several, float(connect_timeout), int(max_attempts), None if patience is None else float(patience), int(threads), encoding or "", self._process,
             encrypt, files["ca"], files["cert"], files["key"], files["server_name"], files["token_file"])
         self._known_max_designs: Optional[int] = None
 

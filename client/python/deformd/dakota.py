@@ -20,7 +20,7 @@ from .errors import Error, InvalidArgument
 from .quality import NAMES, check_name
 from .study.journal import write_whole
 from .study.measures import checked_measure
-from .study.worker import check_quality, evaluate
+from .study.worker import check_quality, evaluate, mesh_beside
 
 _APREPRO = re.compile(r"^\s*\{\s*(\S+)\s*=\s*\"?([^\"\s}]+)\"?\s*\}")
 _COUNTS = {"DAKOTA_VARS": "variables", "DAKOTA_FNS": "functions", "DAKOTA_DER_VARS": "derivative_variables", "DAKOTA_AN_COMPS": "analysis_components",
@@ -159,6 +159,8 @@ def _task(arguments: Any, folder: str) -> Any:
     task = {"evaluate": how, "folder": folder, "write": None, "server": None, "system": None, "compiled": None, "mesh": arguments.mesh}
     if not arguments.setup.endswith(".deformation"):
         task["mesh"] = arguments.mesh or str(_deformd.Setup.read(arguments.setup, False).geometry_file or "") or None
+    else:
+        task["mesh"] = arguments.mesh or mesh_beside(pathlib.Path(arguments.setup))
     check_quality(task, by_server=not arguments.setup.endswith(".deformation"))
     if arguments.setup.endswith(".deformation"):
         names = load(arguments.setup).names

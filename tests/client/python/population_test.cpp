@@ -54,6 +54,7 @@ class PopulationTest : public ::testing::Test {
 
   void connect(int attempts) {
     client::ClientOptions options;
+    options.patience = std::chrono::seconds(0);
     options.max_attempts = attempts;
     client_ = std::make_unique<client::Client>(service_.client(options));
     client_->keep_points("geometry", std::make_shared<const Points>(test::registered_points(points)));

@@ -23,7 +23,7 @@ from .libraries import needing_libraries
 from .places import open_place
 from .sampling import sample
 from .spec import TOLERANCE, Spec, name_advice, read_spec
-from .worker import Task, check_quality, evaluate, kept_result
+from .worker import Task, check_quality, evaluate, kept_result, mesh_beside
 
 FAILED = 1e60
 """What optimizers of one objective see for a design that failed or is bad; ranks after all others."""
@@ -270,6 +270,7 @@ def _task(spec: Spec) -> Tuple[Task, Tuple[str, ...], np.ndarray]:
     task: Task = {"study": study, "evaluate": spec.evaluate, "folder": str(spec.folder), "write": spec.meshes, "gradients": optimizers.gradients_of(spec),
                   "server": spec.server, "system": None, "compiled": None, "mesh": str(spec.mesh) if spec.mesh else None, "skip": optimizers.skipping(spec)}
     if spec.setup.suffix == ".deformation":
+        task["mesh"] = task["mesh"] or mesh_beside(spec.setup)
         check_quality(task, by_server=False)
         fast = load(spec.setup)
         return {**task, "compiled": str(spec.setup), "names": fast.names}, fast.names, fast.bounds

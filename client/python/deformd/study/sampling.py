@@ -40,15 +40,27 @@ def _table(path: Any, names: Sequence[str]) -> np.ndarray:
     semicolons = bool(lines) and ";" in lines[0] and "," not in lines[0]  # as spreadsheets write whose language has decimal commas
     rows = list(csv.reader(lines, delimiter=";" if semicolons else ","))
     head = [name.strip() for name in rows[0]] if rows else []
-    if sorted(head) != sorted(names):
-        raise InvalidArgument(f"doe.table: the columns are {', '.join(head) or 'missing'}, expected {', '.join(names)}")
+    columns = [name for name in head if name in names or name != "name"]  # the names of designs, of which a study has numbers
+    if not columns or len(set(head)) != len(head) or not set(columns) <= set(names):
+        raise InvalidArgument(f"doe.table: {path}: the columns are {', '.join(head) or 'missing'}, expected some of {', '.join(names)}")
     designs = []
     for number, row in enumerate(rows[1:], 2):
-        try:
-            values = dict(zip(head, map(float, row)))
-            designs.append([values[name] for name in names])
-        except (ValueError, KeyError):
-            raise InvalidArgument(f"doe.table: line {number}: expected {len(names)} numbers, decimals with a point") from None
+        if not any(cell.strip() for cell in row):
+            continue
+        where = f"doe.table: {path}: line {number}"
+        if len(row) != len(head):
+            raise InvalidArgument(f"{where}: {len(row)} columns, the header has {len(head)}")
+        values = dict.fromkeys(names, 0.0)
+        for name, cell in zip(head, row):
+            if name not in columns:
+                continue
+            try:
+                values[name] = float(cell)
+            except ValueError:
+                raise InvalidArgument(f"{where}: {name}: {cell.strip() or 'nothing'}, expected a number, decimals with a point") from None
+            if not np.isfinite(values[name]):
+                raise InvalidArgument(f"{where}: {name}: {cell.strip()}, expected a finite number")
+        designs.append([values[name] for name in names])
     if not designs:
         raise InvalidArgument("doe.table: no designs")
     return np.array(designs)

@@ -32,6 +32,9 @@ Task = Dict[str, Any]
 """number, x; study (what its file says, as a hash); evaluate, names; server and system, or compiled (a path); mesh (a path or None); folder; write (an extension or None); gradients; skip, the
 constraints on quality outside of which nothing is evaluated."""
 
+PATIENCE = 600.0
+"""Seconds for which a worker waits for a server that went away."""
+
 _lock = threading.Lock()
 _loaded: Dict[str, Any] = {}
 _FAILURES = ("invalid_argument", "numerical_failure", "deadline_exceeded")
@@ -258,13 +261,13 @@ def _tail(path: pathlib.Path) -> str:
 def _system(task: Task) -> Any:
     if task["compiled"]:
         return _once("compiled:" + task["compiled"], lambda: load(task["compiled"]))
-    return _once(f"system:{task['server']}:{task['system']}", lambda: Client(task["server"]).system(task["system"]))
+    return _once(f"system:{task['server']}:{task['system']}", lambda: Client(task["server"], patience=PATIENCE).system(task["system"]))
 
 
 def _mesh(task: Task, needed: bool = True) -> Any:
     if task["mesh"] is None:
         if needed:
-            raise InvalidArgument("mesh: missing; a study of a compiled deformation names the mesh file whose faces it measures and writes")
+            raise InvalidArgument("mesh: missing, and it does not stand beside the compiled deformation; name the mesh file whose faces are measured and written")
         return None
     return _once("mesh:" + task["mesh"], lambda: _deformd.Mesh.read(task["mesh"], _isolated_reader(), _deformd.Limits()))
 
@@ -282,6 +285,12 @@ def _quality(task: Task) -> Quality:
     walls = task["evaluate"].get("walls", [])
     mesh = _mesh(task)
     return _once(f"quality:{task['mesh']}:{json.dumps(walls)}", lambda: Quality(mesh, walls=walls))  # type: ignore[no-any-return]
+
+
+def mesh_beside(path: pathlib.Path) -> Optional[str]:
+    """The mesh file of a compiled deformation, under the name it had, beside it or in this folder, as `deform apply` looks for it; else None."""
+    name = pathlib.Path(load(path).mesh).name  # whatever it says: it does not lead out of these folders
+    return next((str(found) for found in (path.parent / name, pathlib.Path(name)) if name and found.exists()), None)
 
 
 def check_quality(task: Task, by_server: bool) -> None:
