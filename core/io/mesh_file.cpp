@@ -9,6 +9,7 @@
 #include "core/io/formats/openfoam/openfoam_folder.h"
 #include "core/io/gzip.h"
 #include "core/io/readers.h"
+#include "core/mesh/coordinate_limits.h"
 
 namespace deform::io {
 
@@ -71,6 +72,7 @@ std::unique_ptr<MeshFile> parse_mesh(std::string bytes, const std::string& name,
   const auto parse = options.turn_normals && reader.parse_turning_normals ? reader.parse_turning_normals : reader.parse;
   std::unique_ptr<MeshFile> file =
       reader.library ? parse_container(reader, std::move(bytes), name, options) : parse(std::move(bytes), name);
+  check_coordinates(file->mesh()->points, name + ": points");
   file->compressed = compressed;
   return file;
 }

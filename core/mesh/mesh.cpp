@@ -8,6 +8,7 @@
 #include "core/base/checks.h"
 #include "core/base/error.h"
 #include "core/mesh/cells.h"
+#include "core/mesh/coordinate_limits.h"
 #include "core/mesh/elements.h"
 
 namespace deform {
@@ -24,6 +25,7 @@ void check_points(const Points& points) {
   if (points.empty()) refuse("points: there must be at least one point");
   if (points.size() > max_count) refuse("points: " + number(points.size()) + " points, the limit is " + number(max_count));
   check_finite(points, "mesh: points");
+  check_coordinates(points, "mesh: points");
 }
 
 void check_faces(const Mesh& mesh) {

@@ -45,9 +45,9 @@ struct Mesh {
   /// The group with this name, or nullptr.
   const Group* find_group(const std::string& name) const;
 
-  /// Throws Error(invalid_argument) naming the field, index and limit: NaN or infinite coordinate, no point, corner or group
-  /// entry out of range, sizes that do not add up, empty or repeated group name, more than 2^32-1 points or faces, invalid cells
-  /// (see Elements::validate() and PolyhedralCells::validate()).
+  /// Throws Error(invalid_argument) naming the field, index and limit: NaN or infinite coordinate or one beyond the limits of
+  /// coordinate_limits.h, no point, corner or group entry out of range, sizes that do not add up, empty or repeated group name,
+  /// more than 2^32-1 points or faces, invalid cells (see Elements::validate() and PolyhedralCells::validate()).
   void validate() const;
 };
 

@@ -23,7 +23,7 @@ struct Side {
   std::uint32_t cell = 0, face = 0;
 };
 
-using Corners = std::span<const PointId>;
+using WallCorners = std::span<const PointId>;
 
 /// Finds the opposite face in time proportional to the number of corners of the first face, so that the cost of any cell, however
 /// odd, is linear in its size.
@@ -32,7 +32,7 @@ class Prisms {
   explicit Prisms(std::size_t points) : place_(points, none) {}
 
   /// The face of the cell that is opposite to faces[base]; std::nullopt if the cell is not a prism over it.
-  std::optional<std::size_t> opposite(std::span<const Corners> faces, std::size_t base) {
+  std::optional<std::size_t> opposite(std::span<const WallCorners> faces, std::size_t base) {
     const std::optional<std::size_t> top = candidate(faces, base);
     if (!top) return {};
     const bool prism = mark(faces[base], 0) && mark(faces[*top], faces[base].size()) && joined(faces, base, *top);
@@ -44,7 +44,7 @@ class Prisms {
 
  private:
   /// Found by its number of corners; among quads it is the one without a point of the base.
-  static std::optional<std::size_t> candidate(std::span<const Corners> faces, std::size_t base) {
+  static std::optional<std::size_t> candidate(std::span<const WallCorners> faces, std::size_t base) {
     const std::size_t n = faces[base].size();
     if (n < 3 || faces.size() != n + 2) return {};
     std::optional<std::size_t> top;
@@ -65,7 +65,7 @@ class Prisms {
   }
 
   /// Returns false if a corner already has a place.
-  bool mark(Corners corners, std::size_t first) {
+  bool mark(WallCorners corners, std::size_t first) {
     for (const PointId p : corners) {
       if (place_[p] != none) return false;
       place_[p] = static_cast<std::uint32_t>(first++);
@@ -74,7 +74,7 @@ class Prisms {
   }
 
   /// Whether the quads lead from every edge of the base to one of the top, all the way around.
-  bool joined(std::span<const Corners> faces, std::size_t base, std::size_t top) {
+  bool joined(std::span<const WallCorners> faces, std::size_t base, std::size_t top) {
     const std::size_t n = faces[base].size();
     above_.assign(n, none);
     seen_.assign(n, 0);
@@ -89,7 +89,7 @@ class Prisms {
     return true;
   }
 
-  bool join(Corners quad, std::size_t n) {
+  bool join(WallCorners quad, std::size_t n) {
     std::array<std::uint32_t, 4> at{};
     std::size_t first = 0;  // corner after which the second one of the base follows
     for (std::size_t c = 0; c < 4; ++c) {
@@ -118,7 +118,7 @@ class Prisms {
   std::vector<char> seen_;            // edges of the base
 };
 
-bool all_in(Corners corners, const std::vector<char>& set) {
+bool all_in(WallCorners corners, const std::vector<char>& set) {
   return std::all_of(corners.begin(), corners.end(), [&](PointId p) { return set[p] != 0; });
 }
 
@@ -177,7 +177,7 @@ class FaceCells {
   Prisms prisms_;
   std::vector<std::uint64_t> offsets_;
   std::vector<FaceId> faces_;  // cell by cell
-  std::vector<Corners> corners_;
+  std::vector<WallCorners> corners_;
 };
 
 class ElementCells {
@@ -208,7 +208,7 @@ class ElementCells {
   std::optional<Side> opposite(Side side) {
     const std::size_t count = shape(elements_.types[side.cell]).faces.size();
     std::array<Quad, most_faces> faces;
-    std::array<Corners, most_faces> views;
+    std::array<WallCorners, most_faces> views;
     for (std::uint32_t f = 0; f < count; ++f) {
       faces[f] = corners({side.cell, f});
       views[f] = faces[f].view();
@@ -236,7 +236,7 @@ class ElementCells {
   struct Quad {
     std::array<PointId, 4> points{};
     std::size_t size = 0;
-    Corners view() const { return Corners(points).first(size); }
+    WallCorners view() const { return WallCorners(points).first(size); }
   };
 
   static std::ptrdiff_t at(std::uint64_t place) { return static_cast<std::ptrdiff_t>(place); }

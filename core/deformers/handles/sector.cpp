@@ -4,7 +4,9 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <map>
 #include <numbers>
+#include <set>
 #include <sstream>
 
 #include "core/base/error.h"
@@ -15,6 +17,8 @@ namespace deform {
 namespace {
 
 [[noreturn]] void refuse_sector(const std::string& message) { throw Error(ErrorCode::invalid_argument, message); }
+
+constexpr std::size_t most_probes = 2000, least_votes = 3;  // for another count
 
 constexpr PointId nobody = std::numeric_limits<PointId>::max();
 
@@ -104,6 +108,7 @@ Sector::Sector(const SectorOptions& options, const Mesh& mesh, std::span<const V
     if (on_axis(places[i])) axis_points_.push_back(static_cast<PointId>(i));
   }
   find_pairs(mesh, places, field);
+  if (pairs_.empty()) find_likely(mesh, places);
   check_patches(options, mesh, places, field);
   check_holes(mesh, places, field);
 }
@@ -150,6 +155,48 @@ void Sector::find_pairs(const Mesh& mesh, std::span<const Vec3> places, const st
     pairs_.push_back({image_of[i], static_cast<PointId>(i)});
   }
   check_chains(mesh, field);
+}
+
+/// The two ends of a sector are as far apart as its points at one radius and axial place are at most, so that of all counts whose
+/// turn takes points to others the least is the likely one.
+void Sector::find_likely(const Mesh& mesh, std::span<const Vec3> places) {
+  std::vector<char> use = at_faces(mesh);
+  for (const PointId id : axis_points_) use[id] = 0;
+  std::vector<PointId> used;
+  std::vector<Vec3> meridional;
+  for (std::size_t i = 0; i < places.size(); ++i) {
+    meridional.push_back({places[i][0], std::hypot(places[i][1], places[i][2]), 0});
+    if (use[i] != 0) used.push_back(static_cast<PointId>(i));
+  }
+  const double cell = 64 * std::max(reach_, std::numeric_limits<double>::min());
+  const CellGrid beside(meridional, use, cell);
+  std::map<std::size_t, std::size_t> votes;
+  const std::size_t step = (used.size() + most_probes - 1) / most_probes;
+  for (std::size_t i = 0; i < used.size(); i += step) {
+    const Vec3& x = places[used[i]];
+    std::set<std::size_t> counts;
+    beside.near(meridional[used[i]], reach_, [&](PointId id, double) {
+      const Vec3& y = places[id];
+      const double angle = std::atan2(x[1] * y[2] - x[2] * y[1], x[1] * y[1] + x[2] * y[2]);
+      const double turns = angle > 0 ? std::round(2 * std::numbers::pi / angle) : 0;
+      if (turns < static_cast<double>(least) || turns > static_cast<double>(most)) return;
+      const double off = std::abs(angle - 2 * std::numbers::pi / turns) * meridional[id][1];
+      if (off <= reach_) counts.insert(static_cast<std::size_t>(turns));
+    });
+    for (const std::size_t one : counts) ++votes[one];
+  }
+  const auto chosen = std::find_if(votes.begin(), votes.end(), [](const auto& vote) { return vote.second >= least_votes; });
+  if (chosen == votes.end()) return;
+  likely_ = chosen->first;
+  const CellGrid grid(places, use, cell);
+  const double angle = 2 * std::numbers::pi / static_cast<double>(likely_), c = std::cos(angle), s = std::sin(angle);
+  for (const PointId id : used) {
+    const Vec3& x = places[id];
+    bool met = false;
+    grid.near({x[0], c * x[1] - s * x[2], s * x[1] + c * x[2]}, reach_, [&](PointId, double) { met = true; });
+    likely_pairs_ += met ? 1 : 0;
+  }
+  if (likely_ == 2) likely_pairs_ /= 2;  // half a turn takes each of two to the other
 }
 
 /// A sector ends where the next begins: an image has no image of its own.
@@ -237,11 +284,15 @@ void Sector::check_patches(const SectorOptions& options, const Mesh& mesh, std::
   }
 }
 
+/// The command line shows notes that end in a question with every design.
 std::string Sector::note() const {
-  return "Sector: one of " + std::to_string(count()) + "; " + std::to_string(pairs_.size()) +
-         " pairs of points on the periodic boundaries, " + std::to_string(axis_points_.size()) + " points on the axis." +
-         (pairs_.empty() ? " If the mesh ends in periodic boundaries, `axis` or `count` is wrong: name them with `periodic`."
-                         : "");
+  std::string text = "Sector: one of " + std::to_string(count()) + "; " + std::to_string(pairs_.size()) +
+                     " pairs of points on the periodic boundaries, " + std::to_string(axis_points_.size()) +
+                     " points on the axis.";
+  if (!pairs_.empty()) return text;
+  if (likely_ == 0) return text + " If the mesh ends in periodic boundaries, `axis` or `count` is wrong: has it none?";
+  return text + " With `count` " + std::to_string(likely_) + " there were " + std::to_string(likely_pairs_) +
+         ": is the mesh one of so many sectors?";
 }
 
 std::size_t Sector::bytes() const {

@@ -65,12 +65,14 @@ class Sector {
   /// The transpose: a vector at a point as one at the point whose image it is. Without a sector both change nothing.
   Vec3 at_first(PointId id, const Vec3& vector) const;
 
-  /// How many partners and points on the axis there are, one sentence.
+  /// How many partners and points on the axis there are, one sentence. Without any partner a second one asks whether that is
+  /// meant, and names the count for which points are images of others, if up to 2000 of the mesh show one.
   std::string note() const;
   std::size_t bytes() const;
 
  private:
   void find_pairs(const Mesh& mesh, std::span<const Vec3> places, const std::string& field);
+  void find_likely(const Mesh& mesh, std::span<const Vec3> places);
   void check_chains(const Mesh& mesh, const std::string& field) const;
   void check_holes(const Mesh& mesh, std::span<const Vec3> places, const std::string& field) const;
   void check_patches(const SectorOptions& options, const Mesh& mesh, std::span<const Vec3> places,
@@ -82,6 +84,7 @@ class Sector {
   std::vector<PointId> of_;              ///< n: first_of()
   std::vector<Pair> pairs_;
   std::vector<PointId> axis_points_;
+  std::size_t likely_ = 0, likely_pairs_ = 0;  ///< without partners: another count that has some, or 0
 };
 
 }  // namespace deform

@@ -426,9 +426,31 @@ TEST(Sector, NeedsNoPeriodicBoundaries) {
   EXPECT_THAT(system->info().notes,
               testing::Contains(
                   "Sector: one of 7; 0 pairs of points on the periodic boundaries, 0 points on the axis. If the mesh ends in "
-                  "periodic boundaries, `axis` or `count` is wrong: name them with `periodic`."));
+                  "periodic boundaries, `axis` or `count` is wrong: has it none?"));
   const Points got = system->evaluate(model.design());
   EXPECT_LT(distance_of_first(got, prepare(whole.wheel, whole.setup)->evaluate(whole.design)), 1e-10);
+}
+
+// A wrong count without `periodic` matches nothing: the note says which one the two sides of the mesh have.
+TEST(Sector, AsksForTheCountThatTheMeshHas) {
+  for (const std::size_t count : {2, 3, 7, 36}) {
+    for (const std::size_t cells : {3, 20}) {  // the latter with more points than are looked at
+      for (const double unit : {1.0, 1000.0, 0.001}) {
+        const SectorModel model({count, cells == 3 ? 0.0 : 0.4, count, 4, cells, cells}, test::Frame{});
+        Points places = model.local;
+        for (Vec3& x : places) x = unit * x;
+        const auto note = [&](std::size_t given) {
+          const SectorOptions options{{}, {1, 0, 0}, static_cast<std::uint32_t>(given)};
+          return Sector(options, *model.sector, places, bounding_box(places).diagonal(), "sector").note();
+        };
+        const std::string pairs = std::to_string(model.lows.size());
+        EXPECT_THAT(note(count), testing::AllOf(testing::HasSubstr("; " + pairs + " pairs"), testing::EndsWith("axis.")));
+        EXPECT_THAT(note(count + 1), testing::AllOf(testing::HasSubstr("one of " + std::to_string(count + 1) + "; 0 pairs"),
+                                                    testing::EndsWith(" With `count` " + std::to_string(count) + " there were " +
+                                                                      pairs + ": is the mesh one of so many sectors?")));
+      }
+    }
+  }
 }
 
 }  // namespace

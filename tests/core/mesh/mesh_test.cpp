@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <limits>
 #include <memory>
 
@@ -71,6 +72,18 @@ TEST(MeshTest, EverythingThatIsOnlyUglyIsValid) {
   EXPECT_NO_THROW(mesh.validate());
 }
 
+TEST(MeshTest, TakesSizesUpToTheLimitsAndSinglePlaces) {
+  for (const double unit : {1e-39, 1e39, 0.0}) {
+    Mesh mesh = test::tetrahedron();
+    for (Vec3& x : mesh.points) {
+      for (double& c : x) c = unit * std::clamp(c, -1.0, 1.0);
+    }
+    EXPECT_NO_THROW(mesh.validate()) << unit;
+    for (Vec3& x : mesh.points) x[0] += 1;
+    EXPECT_NO_THROW(mesh.validate()) << unit << " off the origin";
+  }
+}
+
 struct BadMesh {
   const char* name;
   void (*spoil)(Mesh&);
@@ -97,6 +110,18 @@ INSTANTIATE_TEST_SUITE_P(
         BadMesh{"Infinite",
                 [](Mesh& m) { m.points[3][2] = -std::numeric_limits<double>::infinity(); },
                 {"points[3]", "coordinate z"}},
+        BadMesh{"Huge", [](Mesh& m) { m.points[2][1] = 1e308; }, {"points[2]", "coordinate y is 1e+308", "the limit is 1e+40"}},
+        BadMesh{"HugeAndNegative", [](Mesh& m) { m.points[3][0] = -1.1e40; }, {"points[3]", "x is -1.1e+40", "1e+40"}},
+        BadMesh{"Tiny",
+                [](Mesh& m) {
+                  for (Vec3& x : m.points) x = {2e-41 * x[0], 4e-41 * x[1], 1e-160 * x[2]};
+                },
+                {"points: their bounding box is", "e-41 long", "1e-40", "unit"}},
+        BadMesh{"TinyAndFarFromNothing",
+                [](Mesh& m) {
+                  for (Vec3& x : m.points) x = {0, 0, 1e-160 * x[2]};
+                },
+                {"points: their bounding box is", "e-160 long"}},
         BadMesh{"CornerOutOfRange", [](Mesh& m) { m.face_points[5] = 4; }, {"face_points[5]", "point 4", "4 points"}},
         BadMesh{"CornerHuge", [](Mesh& m) { m.face_points[0] = ~0U; }, {"face_points[0]", "4294967295"}},
         BadMesh{"SizesTooLarge", [](Mesh& m) { m.face_sizes[0] = 4; }, {"face_sizes", "13", "12"}},

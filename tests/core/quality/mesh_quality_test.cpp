@@ -8,10 +8,12 @@
 #include <cmath>
 #include <limits>
 #include <memory>
+#include <random>
 #include <set>
 
 #include "core/base/vectors.h"
 #include "core/mesh/elements.h"
+#include "core/quality/safe_amplitude.h"
 #include "tests/core/quality/cell_shapes.h"
 #include "tests/core/quality/surface_meshes.h"
 #include "tests/support/expect_error.h"
@@ -181,6 +183,57 @@ TEST(QualityCheck, MeasuresSurfacesPlanesAndPolyhedra) {
   EXPECT_NEAR(value_of(cells, slanted, "non_orthogonality"), 45, 1e-9);
   EXPECT_NEAR(value_of(cells, slanted, "volume"), 1, 1e-12);
   expect_error(ErrorCode::invalid_argument, {"flipped_faces"}, [&] { cells.check("flipped_faces"); });  // it has no faces
+}
+
+/// Measures are powers of lengths: in a unit of any size within the limits of coordinates they are the same digits.
+TEST(QualityCheck, MeasuresUpToTheLimitsOfCoordinates) {
+  const test::Grid g = test::grid(4, 3, 3);
+  auto polyhedra = std::make_shared<Mesh>();
+  polyhedra->points = g.points;
+  polyhedra->cells = std::make_shared<PolyhedralCells>(g.cells);
+  const auto tube = std::make_shared<const Mesh>(test::tube(1, 12, 8, 2, test::Faces::quads));
+  std::mt19937_64 random(3);
+  for (const auto& mesh : {cube(4, 1), square(5, 1), tube, std::shared_ptr<const Mesh>(polyhedra)}) {
+    const bool plane = mesh->points.size() == 36;
+    Points to = test::shaken(mesh->points, 0.3 / (mesh == polyhedra ? 1 : 4), random);  // some cells are inverted
+    for (Vec3& x : to) x[2] = plane ? 0 : x[2];
+    const std::vector<std::string> walls = mesh->groups.empty() ? std::vector<std::string>{} : std::vector<std::string>{"floor"};
+    struct Result {
+      std::vector<double> values;
+      double amplitude = 0;
+      std::size_t inverted = 0;
+    };
+    std::vector<std::string> names;
+    const auto in_unit = [&](double unit) {
+      auto other = std::make_shared<Mesh>(*mesh);
+      Points there = to;
+      for (Vec3& x : other->points) x = unit * x;
+      for (Vec3& x : there) x = unit * x;
+      other->validate();
+      const QualityCheck check(other, walls);
+      names.clear();
+      for (const QualityCheck::Name& name : check.names()) names.push_back(name.name);
+      Result result{check.values(there, names), 0, 0};
+      if (const auto cells = cell_set(*other)) {
+        const MotionSafety safety = safe_amplitude(other->points, there, *cells);
+        result.amplitude = safety.amplitude;
+        result.inverted = safety.inverted.count;
+      }
+      return result;
+    };
+    const Result given = in_unit(1);
+    for (const int exponent : {-130, 130}) {  // 7e-40 and 1.4e39
+      const Result other = in_unit(std::exp2(exponent));
+      EXPECT_EQ(other.amplitude, given.amplitude);
+      EXPECT_EQ(other.inverted, given.inverted);
+      for (std::size_t i = 0; i < names.size(); ++i) {
+        const double a = given.values[i], b = other.values[i];
+        bool same = a == b || (std::isnan(a) && std::isnan(b));
+        for (const int power : {-2, -1, 1, 2, 3}) same = same || b == std::ldexp(a, power * exponent);
+        EXPECT_TRUE(same) << names[i] << " 2^" << exponent << " of " << mesh->points.size() << " points: " << a << ", " << b;
+      }
+    }
+  }
 }
 
 TEST(QualityCheck, RefusesNamesWithWhatIsNear) {
