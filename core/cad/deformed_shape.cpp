@@ -12,6 +12,7 @@
 #include <BRep_Tool.hxx>
 #include <Geom2d_BSplineCurve.hxx>
 #include <Geom2d_Curve.hxx>
+#include <Geom2d_Line.hxx>
 #include <Geom_BSplineCurve.hxx>
 #include <Geom_ConicalSurface.hxx>
 #include <Precision.hxx>
@@ -89,6 +90,10 @@ class RefitModification : public BRepTools_Modification {
                    : curve_on_surface(refitting_.reshaped(f), {refitting_.curve(e), from, to}, kept, curve_tolerance_);
     } else {
       curve = Handle(Geom2d_Curve)::DownCast(kept->Copy());
+      // Readers of STEP take the ends of lines from the places of vertices, which is not exact where the curve in space is a
+      // spline.
+      if (kept->IsKind(STANDARD_TYPE(Geom2d_Line)) && f >= 0 && refitting_.refit(f) == Refit::fitted)
+        curve = straight(kept->Value(from), kept->Value(to), from, to);
     }
     return true;
   }
@@ -107,18 +112,22 @@ class RefitModification : public BRepTools_Modification {
   }
 
  private:
-  /// At the apex of a reshaped cone, from the u of the edges that end there.
-  Handle(Geom2d_Curve) pole_curve(int f, const Geom2d_Curve& kept, double from, double to) const {
-    const auto cone = Handle(Geom_ConicalSurface)::DownCast(refitting_.reshaped(f));
-    const double v = -cone->RefRadius() / std::sin(cone->SemiAngle());
+  /// A straight spline from parameter to parameter.
+  static Handle(Geom2d_Curve) straight(const gp_Pnt2d& start, const gp_Pnt2d& end, double from, double to) {
     TColgp_Array1OfPnt2d ends(1, 2);
-    ends(1) = gp_Pnt2d(u_at(f, kept.Value(from)), v);
-    ends(2) = gp_Pnt2d(u_at(f, kept.Value(to)), v);
+    ends(1) = start, ends(2) = end;
     TColStd_Array1OfReal knots(1, 2);
     knots(1) = from, knots(2) = to;
     TColStd_Array1OfInteger multiplicities(1, 2);
     multiplicities.Init(2);
     return new Geom2d_BSplineCurve(ends, knots, multiplicities, 1);
+  }
+
+  /// At the apex of a reshaped cone, from the u of the edges that end there.
+  Handle(Geom2d_Curve) pole_curve(int f, const Geom2d_Curve& kept, double from, double to) const {
+    const auto cone = Handle(Geom_ConicalSurface)::DownCast(refitting_.reshaped(f));
+    const double v = -cone->RefRadius() / std::sin(cone->SemiAngle());
+    return straight({u_at(f, kept.Value(from)), v}, {u_at(f, kept.Value(to)), v}, from, to);
   }
 
   /// On a reshaped face, where an edge ended at a place in (u, v) of the original.
@@ -152,7 +161,8 @@ void reach(const TopoDS_Edge& edge, bool at_start, const gp_Pnt& point) {
   BRep_Builder().UpdateVertex(vertex, gap_margin * BRep_Tool::Pnt(vertex).Distance(point));
 }
 
-/// Sets tolerances from measured gaps; returns the largest gap.
+}  // namespace
+
 double set_tolerances(const TopoDS_Shape& shape) {
   double largest = 0;
   const BRep_Builder builder;
@@ -197,8 +207,6 @@ double set_tolerances(const TopoDS_Shape& shape) {
   }
   return largest;
 }
-
-}  // namespace
 
 DeformedShape deformed_shape(const TopoDS_Shape& part, const Model& model, const Refitting& refitting, double tolerance) {
   BRepTools_Modifier modifier(part, new RefitModification(model, refitting, curve_share * tolerance));

@@ -18,6 +18,9 @@ struct DeformedShape {
 };
 DeformedShape deformed_shape(const TopoDS_Shape& part, const Model& model, const Refitting& refitting, double tolerance);
 
+/// Sets tolerances from the gaps between the curves of edges and those on faces, and returns the largest gap.
+double set_tolerances(const TopoDS_Shape& shape);
+
 /// Doubles the tolerances of its edges and vertices.
 void widen(const TopoDS_Shape& shape);
 

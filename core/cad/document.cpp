@@ -14,6 +14,7 @@
 #include <Precision.hxx>
 #include <STEPCAFControl_Reader.hxx>
 #include <STEPCAFControl_Writer.hxx>
+#include <STEPControl_Controller.hxx>
 #include <ShapeUpgrade_RemoveLocations.hxx>
 #include <Standard_Failure.hxx>
 #include <TColStd_SequenceOfAsciiString.hxx>
@@ -23,6 +24,7 @@
 #include <TDataStd_Name.hxx>
 #include <TDocStd_Document.hxx>
 #include <TopExp.hxx>
+#include <TopExp_Explorer.hxx>
 #include <TopTools_IndexedMapOfShape.hxx>
 #include <TopoDS.hxx>
 #include <TopoDS_Compound.hxx>
@@ -30,13 +32,18 @@
 #include <XCAFDoc_ColorTool.hxx>
 #include <XCAFDoc_DocumentTool.hxx>
 #include <XCAFDoc_ShapeTool.hxx>
+#include <XSAlgo.hxx>
+#include <XSAlgo_AlgoContainer.hxx>
+#include <XSAlgo_ToolContainer.hxx>
 #include <algorithm>
+#include <array>
 #include <fstream>
 #include <limits>
 
 #include "core/base/error.h"
 #include "core/base/small_file.h"
 #include "core/base/text.h"
+#include "core/cad/deformed_shape.h"
 #include "core/cad/model.h"
 
 namespace deform::cad {
@@ -62,6 +69,34 @@ class OpenDocument {
 
  private:
   Handle(TDocStd_Document) document_;
+};
+
+/// What OpenCASCADE does to shapes that it has read: nothing.
+class NoMending : public XSAlgo_AlgoContainer {
+ public:
+  TopoDS_Shape ProcessShape(const TopoDS_Shape& shape, Standard_Real, Standard_Real, Standard_CString, Standard_CString,
+                            Handle(Standard_Transient) & done, const Message_ProgressRange&, Standard_Boolean) const override {
+    done.Nullify();
+    return shape;
+  }
+};
+
+/// Until it goes, readers leave shapes as they stand in the file.
+class WithoutMending {
+ public:
+  WithoutMending() {
+    STEPControl_Controller::Init();  // before it, there is no container
+    usual_ = XSAlgo::AlgoContainer();
+    const Handle(NoMending) none = new NoMending;
+    none->SetToolContainer(usual_->ToolContainer());
+    XSAlgo::SetAlgoContainer(none);
+  }
+  ~WithoutMending() { XSAlgo::SetAlgoContainer(usual_); }
+  WithoutMending(const WithoutMending&) = delete;
+  WithoutMending& operator=(const WithoutMending&) = delete;
+
+ private:
+  Handle(XSAlgo_AlgoContainer) usual_;
 };
 
 std::string name_of(const TDF_Label& label) {
@@ -175,15 +210,66 @@ void read_step_parts(const std::filesystem::path& path, Model& reading, Document
   PartReader(open, document).read();
 }
 
+/// Start and end in (u, v) of an edge as it runs in a face, which is taken forwards.
+std::array<gp_Pnt2d, 2> ends_in(const TopoDS_Edge& edge, const TopoDS_Face& face) {
+  std::array<gp_Pnt2d, 2> ends;
+  BRep_Tool::UVPoints(edge, face, ends[0], ends[1]);
+  if (edge.Orientation() == TopAbs_REVERSED) std::swap(ends[0], ends[1]);
+  return ends;
+}
+
+/// Exchanges the two curves in (u, v) of a seam where their ends are nearer to those of other edges of the loop then: in STEP
+/// files they stand in any order.
+void order_seam(const TopoDS_Edge& seam, const std::vector<TopoDS_Edge>& loop, const TopoDS_Face& face) {
+  const auto miss = [&](TopAbs_Orientation from, TopAbs_Orientation like) {
+    // As it runs backwards, the curve of the other side runs the other way.
+    std::array<gp_Pnt2d, 2> ends = ends_in(TopoDS::Edge(seam.Oriented(like)), face);
+    if (from != like) std::swap(ends[0], ends[1]);
+    std::array<double, 2> nearest{1e300, 1e300};
+    for (const TopoDS_Edge& other : loop) {
+      if (other.IsSame(seam)) continue;
+      const std::array<gp_Pnt2d, 2> theirs = ends_in(other, face);
+      for (int k = 0; k < 2; ++k) nearest[k] = std::min(nearest[k], ends[k].Distance(theirs[1 - k]));
+    }
+    return nearest[0] + nearest[1];
+  };
+  const double kept = miss(TopAbs_FORWARD, TopAbs_FORWARD) + miss(TopAbs_REVERSED, TopAbs_REVERSED);
+  const double exchanged = miss(TopAbs_FORWARD, TopAbs_REVERSED) + miss(TopAbs_REVERSED, TopAbs_FORWARD);
+  if (!(exchanged < kept)) return;
+  double from = 0, to = 0;
+  const Handle(Geom2d_Curve) first = BRep_Tool::CurveOnSurface(TopoDS::Edge(seam.Oriented(TopAbs_FORWARD)), face, from, to),
+                             second = BRep_Tool::CurveOnSurface(TopoDS::Edge(seam.Oriented(TopAbs_REVERSED)), face, from, to);
+  BRep_Builder().UpdateEdge(seam, second, first, face, BRep_Tool::Tolerance(seam));
+}
+
+void order_seams(const TopoDS_Shape& shape) {
+  for (TopExp_Explorer used(shape, TopAbs_FACE); used.More(); used.Next()) {
+    const TopoDS_Face face = TopoDS::Face(used.Current().Oriented(TopAbs_FORWARD));
+    for (TopExp_Explorer wire(face, TopAbs_WIRE); wire.More(); wire.Next()) {
+      std::vector<TopoDS_Edge> loop, seams;
+      for (TopExp_Explorer edge(wire.Current(), TopAbs_EDGE); edge.More(); edge.Next()) {
+        loop.push_back(TopoDS::Edge(edge.Current()));
+        if (edge.Current().Orientation() == TopAbs_FORWARD && BRep_Tool::IsClosed(loop.back(), face))
+          seams.push_back(loop.back());
+      }
+      for (const TopoDS_Edge& seam : seams) order_seam(seam, loop, face);
+    }
+  }
+}
+
 /// Heals it, takes the locations out, and gives every edge a curve.
-void settle(Part& part, Model& reading, Healing healing) {
+void settle(Part& part, Model& reading, Reading how) {
   const int faces = face_count(part.shape);
-  TopoDS_Shape shape = healing == Healing::on ? healed(part.shape, reading) : part.shape;
+  TopoDS_Shape shape = how == Reading::healed ? healed(part.shape, reading) : part.shape;
   ShapeUpgrade_RemoveLocations removal;
   removal.Remove(shape);
   shape = removal.GetResult();
   BRepTools::Clean(shape);
   BRepLib::BuildCurves3d(shape);
+  if (how == Reading::as_it_stands) {
+    order_seams(shape);
+    set_tolerances(shape);
+  }
   if (face_count(shape) != faces && !part.faces.empty()) {
     part.faces.clear();
     reading.notes.push_back(reading.name + ": names and colours of faces were lost by healing.");
@@ -298,7 +384,7 @@ bool can_be_written(const std::filesystem::path& path) {
   return extension == ".step" || extension == ".stp" || extension == ".brep";
 }
 
-Document read_document(const std::filesystem::path& path, Healing healing) {
+Document read_document(const std::filesystem::path& path, Reading how) {
   if (const std::string why = why_unreadable(path); !why.empty()) {
     throw Error(ErrorCode::not_found, path.string() + ": the CAD file cannot be opened: " + why);
   }
@@ -309,12 +395,14 @@ Document read_document(const std::filesystem::path& path, Healing healing) {
   const std::string extension = lower_case(path.extension().string());
   try {
     if (extension == ".step" || extension == ".stp") {
+      const std::optional<WithoutMending> unmended =
+          how == Reading::as_it_stands ? std::optional<WithoutMending>(std::in_place) : std::nullopt;
       read_step_parts(path, reading, document);
     } else {
       const TopoDS_Shape shape = read_shape(path, reading);
       if (!shape.IsNull() && face_count(shape) > 0) document.parts.push_back({shape, path.stem().string(), std::nullopt, {}});
     }
-    for (Part& part : document.parts) settle(part, reading, healing);
+    for (Part& part : document.parts) settle(part, reading, how);
   } catch (const Standard_Failure& failure) {
     throw Error(ErrorCode::invalid_argument, reading.name + ": OpenCASCADE cannot read it: " + failure.GetMessageString());
   }

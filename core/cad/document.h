@@ -35,12 +35,14 @@ struct Document {
   std::string derivation;  ///< see derivation.h, to be written; empty: none
 };
 
-/// Whether models that are not valid once OpenCASCADE has read them are healed, which takes as long as checking them.
-enum class Healing { on, off };
+/// How much of a model is mended when it is read. healed: what OpenCASCADE mends in STEP files, and more where that is not valid,
+/// which takes as long as checking them. mended: the first alone. as_it_stands: nothing, but what STEP files do not say is found:
+/// tolerances of edges, from their gaps, and the sides of seams; degenerate edges are missing.
+enum class Reading { healed, mended, as_it_stands };
 
 /// Reads STEP with the names and colours of parts and faces, IGES (sewn) and BREP without. Edges get curves in space where they
 /// have none. Throws Error(not_found, invalid_argument) naming the file.
-Document read_document(const std::filesystem::path& path, Healing healing = Healing::on);
+Document read_document(const std::filesystem::path& path, Reading how = Reading::healed);
 
 /// Writes .step or .stp with names and colours, or .brep, in the unit that was read last; an assembly of several parts has one
 /// level. Throws Error(invalid_argument) for another extension, Error(internal) when the file cannot be written.

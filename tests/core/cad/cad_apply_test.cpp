@@ -53,9 +53,12 @@
 #include <limits>
 #include <numbers>
 #include <random>
+#include <tuple>
 
 #include "core/base/error.h"
 #include "core/base/vectors.h"
+#include "core/cad/deformed_shape.h"
+#include "core/cad/document.h"
 #include "core/cad/face_region.h"
 #include "core/cad/spline_axis.h"
 #include "tests/support/expect_error.h"
@@ -286,6 +289,38 @@ Vec3 widened(const Vec3& p) {
   const double angle = std::atan2(z, x) + 0.05 * std::sin(2 * std::atan2(z, x)) * std::exp(1 - 4 * radius * radius);
   const double grown = radius * (1 + 0.2 * std::exp(1 - 4 * radius * radius));
   return {grown * std::cos(angle), p[1] + 0.03 * (1 - p[1] * p[1]) * x, 3 + grown * std::sin(angle)};
+}
+
+TEST_F(CadApply, OnlyPolesAreMendedInTheFile) {
+  const auto faults = [](const std::filesystem::path& file, Reading how) {
+    std::string all;
+    for (const Part& part : read_document(file, how).parts) all += faults_of(part.shape);
+    return all;
+  };
+  const TopoDS_Shape notched = BRepAlgoAPI_Cut(block(), BRepPrimAPI_MakeBox(gp_Pnt(1, -1, 3.2), 2, 2, 1).Shape()).Shape();
+  const TopoDS_Shape plate =
+      BRepAlgoAPI_Cut(BRepPrimAPI_MakeBox(gp_Pnt(-2, -2, 0), 4, 4, 2).Shape(), BRepPrimAPI_MakeCylinder(1, 2).Shape()).Shape();
+  const PointMap wider = [](const Vec3& p) { return Vec3{1.2 * p[0], 1.2 * p[1], p[2] + 0.1 * p[2] * p[2]}; };
+  const std::vector<std::tuple<TopoDS_Shape, PointMap, double>> cases{
+      {block(), bent, 1e-6}, {block(), widened, 1e-6}, {plate, wider, 1e-6}, {notched, sheared, 1e-5}};
+  for (const double size : {1.0, 1000.0}) {
+    gp_Trsf scaling;
+    scaling.SetScale(gp::Origin(), size);
+    for (std::size_t i = 0; i < cases.size(); ++i) {
+      const auto& [shape, map, tolerance] = cases[i];
+      ApplyRequest asked = request(BRepBuilderAPI_Transform(shape, scaling, true).Shape(), ".step");
+      asked.tolerance = tolerance;
+      const PointMap& unscaled = map;
+      apply_to_model(asked, each([&](const Vec3& p) { return size * unscaled(p / size); }));
+      EXPECT_EQ(faults(asked.output, Reading::as_it_stands), "") << size << ' ' << i;
+    }
+  }
+  // An eighth of a sphere.
+  const ApplyRequest sphere =
+      request(BRepPrimAPI_MakeSphere(1.5, 0, 0.5 * std::numbers::pi, 0.5 * std::numbers::pi).Shape(), ".step");
+  apply_to_model(sphere, each(sheared));
+  EXPECT_NE(faults(sphere.output, Reading::as_it_stands), "") << "STEP files have no degenerate edges";
+  EXPECT_EQ(faults(sphere.output, Reading::mended), "");
 }
 
 TEST_F(CadApply, WhatStaysOfItsTypeKeepsItWithOtherDimensions) {
