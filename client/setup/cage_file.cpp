@@ -51,19 +51,13 @@ CageRequest cage_request(const v1::CageMethod::Generate& message) {
 
 /// Lets the box of a half model end in its planes.
 void end_in_planes(const std::vector<std::optional<MirrorPlane>>& planes, const Mesh& mesh, CageRequest& request) {
-  if (request.kind != CageKind::box) {
-    refuse(
-        "around a half model only a cage of kind BOX ends in the symmetry plane, as vertices that handles hold need it to; use "
-        "kind BOX, a file with a cage that is its own mirror image or ends in the plane, or control MESH");
-  }
   const Box box = bounding_box(mesh.points);
   for (std::size_t i = 0; i < planes.size(); ++i) {
     std::size_t axis = 0;
     while (axis < 3 && std::abs(planes[i]->normal[axis]) < 1 - 1e-12) ++axis;
     if (axis == 3) {
-      refuse(
-          "a box does not end in symmetry[" + std::to_string(i) +
-          "], which is not perpendicular to an axis; use a file with a cage that is its own mirror image or ends in the plane");
+      refuse("a box does not end in symmetry[" + std::to_string(i) +
+             "], which is not perpendicular to an axis; use kind WRAP or HULL, which are their own mirror images in any plane");
     }
     const double at = planes[i]->point[axis];
     const bool above = box.max[axis] - at > at - box.min[axis];
@@ -71,7 +65,7 @@ void end_in_planes(const std::vector<std::optional<MirrorPlane>>& planes, const 
   }
 }
 
-/// The cage around a mesh, and with control MESH around its images in the planes of the setup.
+/// The cage around a mesh, and around its images in the planes of the setup, but for a box whose vertices handles hold.
 Mesh generated(const Mesh& mesh, const v1::Setup& setup, const v1::CageMethod& cage) {
   CageRequest request = cage_request(cage.generate());
   const auto planes = mirror_planes(setup, mesh);
@@ -82,7 +76,11 @@ Mesh generated(const Mesh& mesh, const v1::Setup& setup, const v1::CageMethod& c
   }
   if (planes.empty()) return cage_around(mesh, request).mesh;
   if (cage.control() == v1::MESH) return cage_around(whole_model(mesh, planes), request).mesh;
-  end_in_planes(planes, mesh, request);
+  if (request.kind == CageKind::box) {
+    end_in_planes(planes, mesh, request);
+  } else {
+    for (const auto& plane : planes) request.planes.push_back({plane->point, plane->normal});
+  }
   return cage_around(mesh, request).mesh;
 }
 

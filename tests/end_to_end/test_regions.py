@@ -390,17 +390,20 @@ class Regions(EndToEnd):
             self.assertEqual(a[1] == 0, x[1] == 0)
         compared = self.deform("compare", "half.yaml", "--methods", "cage", *values, "--json").json["methods"]
         self.assertEqual([bool(row.get("refused")) for row in compared], [False])
-        # The cage that is made for it.
-        made = lambda ids: head.replace("file: cage.obj", "generate: {kind: BOX, points: 28}") + \
-            "  - {name: tail, region: {control: {ids: %r}}}\n" % ids + variables.rsplit("\n", 2)[0] + "\n" + plane
-        self.deform("lattice", self.write("made.yaml", made([0])), "-o", "made.vtp")
-        places = read_vtp(self.path("made.vtp"))[0]["Points"]
-        self.assertEqual(min(y for x, y, z in places), 0)
-        side = [i for i, (x, y, z) in enumerate(places) if y == max(y for x, y, z in places)]
-        self.deform("apply", self.write("made.yaml", made(side)), "--set", "tail=0.1", "-o", "made.obj")
-        self.assertGreater(max(math.dist(x, y) for x, y in zip(rest, points("made.obj"))), 0.02)
-        for x, a in zip(rest, points("made.obj")):
-            self.assertEqual(a[1] == 0, x[1] == 0)
+        # The cages that are made for it: a box that ends in the plane, and wraps that are their own mirror images.
+        for method, on_one_side in (("generate: {kind: BOX, points: 28}, coordinates: GREEN", True),
+                                    ("generate: {points: 60}, coordinates: GREEN", False), ("generate: {points: 60}", False)):
+            made = lambda ids: head.replace("file: cage.obj, coordinates: GREEN", method) + \
+                "  - {name: tail, region: {control: {ids: %r}}}\n" % ids + variables.rsplit("\n", 2)[0] + "\n" + plane
+            self.deform("lattice", self.write("made.yaml", made([0])), "-o", "made.vtp")
+            places = read_vtp(self.path("made.vtp"))[0]["Points"]
+            self.assertEqual(min(y for x, y, z in places) == 0, on_one_side)
+            self.assertEqual({(x, -y, z) for x, y, z in places} == {tuple(place) for place in places}, not on_one_side)
+            side = [i for i, (x, y, z) in enumerate(places) if y > 0.7 * max(y for x, y, z in places)]
+            self.deform("apply", self.write("made.yaml", made(side)), "--set", "tail=0.1", "-o", "made.obj")
+            self.assertGreater(max(math.dist(x, y) for x, y in zip(rest, points("made.obj"))), 0.02)
+            for x, a in zip(rest, points("made.obj")):
+                self.assertEqual(a[1] == 0, x[1] == 0)
 
     # ---- volumes ----
 

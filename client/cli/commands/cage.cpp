@@ -83,8 +83,8 @@ constexpr char cage_mesh_footer[] =
 and holes that are wider than twice the offset; narrower ones are closed. The mesh may have holes, be a soup of triangles or a volume mesh.
 Hull and wrap grow their offset until no point of the mesh is outside, all angles are 15 degrees or more, no triangles cross each
 other and the number of points is met within 5 %. Nothing is asked of a server. Setups take the file with
-method: {cage: {file: cage.obj, control: MESH}}. A box that ends in the symmetry planes of a half model, for handles that hold its vertices
-and either coordinates, is made where the planes are known: method: {cage: {generate: {kind: BOX, points: 98}, coordinates: GREEN}}.
+method: {cage: {file: cage.obj, control: MESH}}. Cages of half models, for handles that hold their vertices, are made where the symmetry
+planes are known: method: {cage: {generate: {points: 400}}} makes one that is its own mirror image, with kind: BOX one that ends there.
 Examples:
   deform cage mesh car.obj --points 400 -o cage.obj
   deform cage mesh wing.stl --kind box --points 60 --offset 0.1 -o cage.obj)";

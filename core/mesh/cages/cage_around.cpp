@@ -225,9 +225,42 @@ CageAround box_around(const Mesh& mesh, const CageRequest& request, const Box& m
   return cage;
 }
 
+bool is_closed(const Mesh& mesh) {
+  const MeshReport report = inspect(mesh);
+  return report.boundary_edges + report.non_manifold_edges + report.inconsistent_edges + report.non_manifold_points +
+             report.degenerate_faces ==
+         0;
+}
+
 /// Length of the edges of so many points on an area.
 double edge_of(double area, std::size_t points) { return std::sqrt(2 * area / (std::sqrt(3.0) * static_cast<double>(points))); }
 
+/// Triangles with their mirror images in the first planes.
+std::vector<TriangleCorners> with_images(std::vector<TriangleCorners> triangles, std::size_t planes) {
+  for (std::size_t k = 0; k < planes; ++k) {
+    const std::size_t count = triangles.size();
+    for (std::size_t t = 0; t < count; ++t) {
+      TriangleCorners image = triangles[t];
+      for (Vec3& x : image) x[k] = -x[k];
+      triangles.push_back(image);
+    }
+  }
+  return triangles;
+}
+
+/// What is to be wrapped: of a half model the whole one.
+std::vector<TriangleCorners> wrapped(const Mesh& mesh, CageKind kind, std::size_t planes) {
+  std::vector<TriangleCorners> triangles = with_images(triangles_of(mesh), planes);
+  if (kind != CageKind::hull) return triangles;
+  std::vector<Vec3> corners = mesh.points;
+  if (planes > 0) {
+    corners.clear();
+    for (const TriangleCorners& t : triangles) corners.insert(corners.end(), t.begin(), t.end());
+  }
+  return triangles_of(convex_hull(corners));
+}
+
+/// Cages of kind hull and wrap. With symmetry planes the mesh is in coordinates of a MirrorFrame.
 class Wrapping {
  public:
   Wrapping(const Mesh& mesh, const CageRequest& request, const Box& box, const RunContext& context)
@@ -235,8 +268,7 @@ class Wrapping {
         request_(request),
         box_(box),
         context_(context),
-        triangles_(in_pieces(triangles_of(request.kind == CageKind::hull ? convex_hull(mesh.points) : mesh),
-                             longest_piece * box.diagonal())) {}
+        triangles_(in_pieces(wrapped(mesh, request.kind, request.planes.size()), longest_piece * box.diagonal())) {}
 
   CageAround run() {
     const double diagonal = box_.diagonal();
@@ -249,7 +281,7 @@ class Wrapping {
     std::string wrong;
     for (; cage.attempts == 0 || offset <= most_offset * diagonal; offset *= offset_growth) {
       ++cage.attempts;
-      OffsetGrid grid{offset, offset / cells_of_offset};
+      OffsetGrid grid{offset, offset / cells_of_offset, request_.planes.size()};
       if (offset_nodes(box_, grid) > most_grid_nodes) grid.cell = offset / fewest_cells;
       if (offset_nodes(box_, grid) > most_grid_nodes) {
         if (request_.offset > 0 && cage.attempts == 1) {
@@ -273,10 +305,17 @@ class Wrapping {
  private:
   /// What is wrong with the cage of this offset; nothing: it is one.
   std::string attempt(const OffsetGrid& grid, CageAround& cage) const {
-    const SurfaceMesh surface(offset_surface(triangles_, box_, grid, context_));
+    const std::size_t planes = grid.planes;
+    const SurfaceMesh surface(deform::with_images(offset_surface(triangles_, box_, grid, context_), planes));
     context_.check();
-    const SurfaceMesh made = isotropic_remeshing(surface, {.vertices = request_.points, .feature_degrees = 180});
+    SurfaceMesh made = isotropic_remeshing(surface, {.vertices = request_.points, .feature_degrees = 180, .planes = planes});
     context_.check();
+    if (planes > 0) {
+      // The two sides of a plane were remeshed each for itself.
+      const Mesh whole = deform::with_images(part_beyond(made.to_mesh(), planes), planes);
+      if (!is_closed(whole)) return "it is no surface where its two sides meet in a symmetry plane";
+      made = SurfaceMesh(whole);
+    }
     const auto wanted = static_cast<double>(request_.points);
     if (std::abs(static_cast<double>(made.vertex_count()) - wanted) > CageRequest::count_tolerance * wanted) {
       return "its surface has " + std::to_string(made.vertex_count()) + " points";
@@ -303,6 +342,24 @@ class Wrapping {
   const ClosestPoint triangles_;
 };
 
+/// Made in coordinates in which the planes are coordinate planes, so that mirror images differ in signs only.
+CageAround around_half(const Mesh& mesh, const CageRequest& request, const RunContext& context) {
+  const MirrorFrame frame(request.planes, mesh);
+  Mesh half = mesh;
+  for (Vec3& x : half.points) x = frame.coordinates(x);
+  Box whole = bounding_box(half.points);
+  for (std::size_t k = 0; k < frame.planes(); ++k) {
+    whole.max[k] = std::max(whole.max[k], -whole.min[k]);
+    whole.min[k] = -whole.max[k];
+  }
+  CageAround cage = Wrapping(half, request, whole, context).run();
+  for (Vec3& x : cage.mesh.points) x = frame.point(x);
+  for (std::size_t c = 0; c < cage.mesh.face_points.size() && !frame.is_right_handed(); c += 3) {
+    std::swap(cage.mesh.face_points[c + 1], cage.mesh.face_points[c + 2]);
+  }
+  return cage;
+}
+
 }  // namespace
 
 CageAround cage_around(const Mesh& mesh, const CageRequest& request, const RunContext& context) {
@@ -318,8 +375,12 @@ CageAround cage_around(const Mesh& mesh, const CageRequest& request, const RunCo
   if (!(box.diagonal() > 0) || !std::isfinite(box.diagonal())) {
     refuse("mesh: all points coincide or its extent is not finite, so it takes no cage");
   }
-  if (request.kind == CageKind::box) return box_around(mesh, request, box, context);
-  return Wrapping(mesh, request, box, context).run();
+  if (request.kind == CageKind::box) {
+    if (!request.planes.empty()) refuse("planes: a box ends where `lowest` and `highest` are; leave them out");
+    return box_around(mesh, request, box, context);
+  }
+  if (request.planes.empty()) return Wrapping(mesh, request, box, context).run();
+  return around_half(mesh, request, context);
 }
 
 }  // namespace deform

@@ -3,8 +3,10 @@
 
 #include <cstddef>
 #include <limits>
+#include <vector>
 
 #include "core/base/run_context.h"
+#include "core/mesh/cages/mirror_frame.h"
 #include "core/mesh/mesh.h"
 
 namespace deform {
@@ -27,6 +29,10 @@ struct CageRequest {
               -std::numeric_limits<double>::infinity()};
   Vec3 highest{std::numeric_limits<double>::infinity(), std::numeric_limits<double>::infinity(),
                std::numeric_limits<double>::infinity()};
+  /// Symmetry planes of a half model, at most 3 that are orthogonal to each other. Hull and wrap are then around the mesh and its
+  /// mirror images, and their own mirror images in each plane, vertex by vertex and triangle by triangle, to rounding. Vertices
+  /// on the side of the mesh come first, those in the planes among them. Not for boxes.
+  std::vector<CagePlane> planes{};
 
   static constexpr std::size_t least_points = 8, most_points = 10000;
   static constexpr double count_tolerance = 0.05;  ///< of points
@@ -47,12 +53,13 @@ struct CageAround {
 
 /// A cage around all points of a mesh (thesis 3.4.1): of hull and wrap the offset surface, remeshed with the offset growing by a
 /// quarter until all points are inside and keep least_clearance, no two triangles cross, all angles are least_angle or more and
-/// the count is met. The faces of the mesh need not be closed, consistent or manifold; isolated points are enclosed, too.
-/// Deterministic.
+/// the count is met. Of a half model all this is that of the whole cage around the whole model. The faces of the mesh need not be
+/// closed, consistent or manifold; isolated points are enclosed, too. Deterministic.
 ///
-/// Throws Error(invalid_argument): options out of their limits, no point, points that all coincide, a box that cannot have so
-/// many points, an offset that is too small for a grid; Error(failed_precondition) with what is still wrong when the offset has
-/// grown to half the diagonal of the mesh; Error(cancelled, deadline_exceeded) by the context.
+/// Throws Error(invalid_argument): options out of their limits, the errors of MirrorFrame and planes for a box, no point, points
+/// that all coincide, a box that cannot have so many points, an offset that is too small for a grid; Error(failed_precondition)
+/// with what is still wrong when the offset has grown to half the diagonal of the mesh; Error(cancelled, deadline_exceeded) by
+/// the context.
 CageAround cage_around(const Mesh& mesh, const CageRequest& request, const RunContext& context = {});
 
 }  // namespace deform

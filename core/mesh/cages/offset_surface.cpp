@@ -25,11 +25,13 @@ const double cell_diagonal = std::sqrt(3.0);
 
 using Index = std::array<std::size_t, 3>;
 
-/// Nodes along each axis; two cells more than the surface needs on every side, so that all nodes of the boundary are outside.
+/// Nodes along each axis; two cells more than the surface needs on every side, so that all nodes of the boundary are outside, but
+/// for those in symmetry planes.
 std::array<double, 3> node_counts(const Box& box, const OffsetGrid& grid) {
   std::array<double, 3> counts{};
-  for (int k = 0; k < 3; ++k) {
-    counts[static_cast<std::size_t>(k)] = std::ceil((box.side(k) + 2 * grid.offset) / grid.cell) + 5;
+  for (std::size_t k = 0; k < 3; ++k) {
+    counts[k] = k < grid.planes ? std::ceil((box.max[k] + grid.offset) / grid.cell) + 3
+                                : std::ceil((box.side(static_cast<int>(k)) + 2 * grid.offset) / grid.cell) + 5;
   }
   return counts;
 }
@@ -41,6 +43,7 @@ class Extraction {
     const auto counts = node_counts(box, grid);
     for (std::size_t k = 0; k < 3; ++k) {
       count_[k] = static_cast<std::size_t>(counts[k]);
+      if (k < grid.planes) continue;
       const double middle = 0.5 * (box.min[k] + box.max[k]);
       origin_[k] = middle - 0.5 * cell_ * (counts[k] - 1);
     }
@@ -113,8 +116,8 @@ class Extraction {
   /// What is outside but cannot be reached from the boundary along edges of the tetrahedra becomes inside.
   void fill_cavities() {
     std::vector<char> reached(heights_.size(), 0);
-    std::vector<Index> open{{0, 0, 0}};
-    reached[0] = 1;
+    std::vector<Index> open{{count_[0] - 1, count_[1] - 1, count_[2] - 1}};  // which is in no symmetry plane
+    reached.back() = 1;
     while (!open.empty()) {
       const Index at = open.back();
       open.pop_back();
@@ -226,6 +229,7 @@ Mesh offset_surface(const ClosestPoint& triangles, const Box& box, const OffsetG
   if (!(grid.cell > 0) || !(grid.cell <= grid.offset))
     throw Error(ErrorCode::invalid_argument,
                 "cell: " + number_digits(grid.cell) + " must be over 0 and at most the offset, " + number_digits(grid.offset));
+  if (grid.planes > 3) throw Error(ErrorCode::invalid_argument, "planes: " + std::to_string(grid.planes) + ", at most 3");
   const std::size_t nodes = offset_nodes(box, grid);
   if (nodes > OffsetGrid::most_nodes)
     throw Error(ErrorCode::invalid_argument,

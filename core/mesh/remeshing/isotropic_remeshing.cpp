@@ -2,6 +2,8 @@
 #include "core/mesh/remeshing/isotropic_remeshing.h"
 
 #include <algorithm>
+#include <array>
+#include <bit>
 #include <cmath>
 #include <cstdlib>
 #include <numbers>
@@ -35,21 +37,22 @@ class IsotropicRemeshing {
  public:
   IsotropicRemeshing(const SurfaceMesh& input, const RemeshingOptions& options)
       : options_(options), mesh_(input), sharp_(mesh_.add_property<EdgeHandle, char>("remeshing:sharp", 0)) {
-    std::vector<TriangleCorners> triangles, segments;
+    std::vector<TriangleCorners> triangles;
+    std::array<std::vector<TriangleCorners>, kinds> segments;
     double area = 0;
     for (const FaceHandle f : mesh_.faces()) {
       triangles.push_back(corners_of(mesh_, f));
       area += length(area_normal(mesh_, f)) / 2;
     }
     for (const EdgeHandle e : mesh_.edges()) {
-      if (!is_sharp_in(e)) continue;
-      sharp_[e] = 1;
+      sharp_[e] = kind_in(e);
+      if (sharp_[e] == 0) continue;
       const HalfedgeHandle h = SurfaceMesh::halfedge(e);
       const Vec3 &a = mesh_.point(mesh_.source(h)), &b = mesh_.point(mesh_.target(h));
-      segments.push_back({a, b, b});
+      segments[kind(h)].push_back({a, b, b});
     }
     surface_.emplace(std::move(triangles));
-    edges_.emplace(std::move(segments));
+    for (std::size_t k = 0; k < kinds; ++k) curves_[k].emplace(std::move(segments[k]));
     if (!(area > 0)) throw Error(ErrorCode::invalid_argument, "the surface has no area");
     // A closed surface has about two equilateral triangles for each vertex.
     target_ = std::sqrt(area / (static_cast<double>(options_.vertices) * std::sqrt(3.0) / 2));
@@ -82,10 +85,18 @@ class IsotropicRemeshing {
     smooth();
   }
 
-  bool is_sharp_in(EdgeHandle e) const {
+  /// The kind of an edge of the surface that came in, as a bit; 0: it is not sharp.
+  char kind_in(EdgeHandle e) const {
     const HalfedgeHandle h = SurfaceMesh::halfedge(e);
+    for (std::size_t k = 0; k < options_.planes; ++k) {
+      const bool lies = mesh_.point(mesh_.source(h))[k] == 0 && mesh_.point(mesh_.target(h))[k] == 0;
+      if (lies) return static_cast<char>(1U << (in_plane + k));
+    }
     const Vec3 m = area_normal(mesh_, mesh_.face(h)), n = area_normal(mesh_, mesh_.face(SurfaceMesh::opposite(h)));
-    return std::atan2(length(cross(m, n)), dot(m, n)) > options_.feature_degrees * std::numbers::pi / 180;
+    return std::atan2(length(cross(m, n)), dot(m, n)) > options_.feature_degrees * std::numbers::pi / 180 ? 1 << by_angle : 0;
+  }
+  std::size_t kind(HalfedgeHandle h) const {
+    return static_cast<std::size_t>(std::countr_zero(static_cast<unsigned char>(sharp_[SurfaceMesh::edge(h)])));
   }
   bool is_sharp(HalfedgeHandle h) const { return sharp_[SurfaceMesh::edge(h)] != 0; }
   std::size_t sharp_edges(VertexHandle v) const {
@@ -97,17 +108,17 @@ class IsotropicRemeshing {
   Vec3 middle(EdgeHandle e) const {
     const HalfedgeHandle h = SurfaceMesh::halfedge(e);
     const Vec3 between = 0.5 * (mesh_.point(mesh_.source(h)) + mesh_.point(mesh_.target(h)));
-    return is_sharp(h) ? (*edges_)(between) : between;
+    return is_sharp(h) ? (*curves_[kind(h)])(between) : between;
   }
 
   void split(EdgeHandle e) {
     const HalfedgeHandle h = SurfaceMesh::halfedge(e);
     const VertexHandle a = mesh_.source(h), b = mesh_.target(h);
-    const bool sharp = is_sharp(h);
+    const char sharp = sharp_[e];
     const VertexHandle v = mesh_.split(e, middle(e));
     for (const HalfedgeHandle out : mesh_.outgoing(v)) {
       const VertexHandle end = mesh_.target(out);
-      sharp_[SurfaceMesh::edge(out)] = sharp && (end == a || end == b) ? 1 : 0;
+      sharp_[SurfaceMesh::edge(out)] = end == a || end == b ? sharp : char{0};
     }
   }
 
@@ -133,18 +144,41 @@ class IsotropicRemeshing {
     if (count != 2) return edge_length(h) < target_ / 2 && sharp_edges(mesh_.target(h)) != 2;
     return !is_sharp(mesh_.previous(h)) && !is_sharp(mesh_.rotated(h)) && keeps_sharp_shape(h);
   }
-  /// Whether sharp edges are straight enough at the source that the point there can go.
+  /// Whether sharp edges are straight enough at the source that the point there can go. Those in planes follow the surface, which
+  /// may be cut off as well.
   bool keeps_sharp_shape(HalfedgeHandle h) const {
+    if (kind(h) != by_angle) return true;
     for (const HalfedgeHandle other : mesh_.outgoing(mesh_.source(h))) {
       if (other == h || !is_sharp(other)) continue;
       const Vec3 &a = mesh_.point(mesh_.target(other)), &b = mesh_.point(mesh_.target(h));
       const Vec3 between = 0.5 * (a + b);
-      return distance((*edges_)(between), between) <= 0.1 * target_;
+      return distance((*curves_[by_angle])(between), between) <= 0.1 * target_;
     }
     return true;
   }
+  /// The symmetry planes in which a vertex lies, as bits.
+  unsigned planes_of(VertexHandle v) const {
+    unsigned planes = 0;
+    for (std::size_t k = 0; k < options_.planes; ++k) planes |= mesh_.point(v)[k] == 0 ? 1U << k : 0;
+    return planes;
+  }
+  /// Whether a collapse or flip would make an edge between vertices in one plane that is not sharp: the surface could not be cut
+  /// along those that are.
+  bool would_join_in_plane(HalfedgeHandle h) const {
+    const VertexHandle source = mesh_.source(h), target = mesh_.target(h);
+    const unsigned planes = planes_of(target) & ~planes_of(source);
+    if (planes == 0) return false;
+    for (const VertexHandle v : mesh_.neighbours(source)) {
+      if (v != target && (planes_of(v) & planes) != 0 && !mesh_.find_halfedge(v, target).valid()) return true;
+    }
+    return false;
+  }
+  bool would_join_in_plane(EdgeHandle e) const {
+    const HalfedgeHandle h = SurfaceMesh::halfedge(e);
+    return (planes_of(mesh_.target(mesh_.next(h))) & planes_of(mesh_.target(mesh_.next(SurfaceMesh::opposite(h))))) != 0;
+  }
   bool can_collapse(HalfedgeHandle h, double longest_allowed) const {
-    if (!keeps_sharp_edges(h) || !mesh_.can_collapse(h)) return false;
+    if (!keeps_sharp_edges(h) || !mesh_.can_collapse(h) || would_join_in_plane(h)) return false;
     const Vec3& x = mesh_.point(mesh_.target(h));
     for (const VertexHandle v : mesh_.neighbours(mesh_.source(h))) {
       if (distance(mesh_.point(v), x) > longest_allowed) return false;
@@ -178,7 +212,7 @@ class IsotropicRemeshing {
 
   /// Whether the quadrilateral of the edge is flat enough and convex: its triangles stay the same way up.
   bool can_flip(EdgeHandle e) const {
-    if (sharp_[e] || !mesh_.can_flip(e)) return false;
+    if (sharp_[e] || !mesh_.can_flip(e) || would_join_in_plane(e)) return false;
     const auto [a, b, c, d] = quadrilateral(e);
     const Vec3 before = cross(b - a, c - a) + cross(a - b, d - b);
     const Vec3 first = cross(d - c, b - c), second = cross(c - d, a - d);
@@ -225,8 +259,16 @@ class IsotropicRemeshing {
       const std::size_t count = sharp_edges(v);
       if (count != 0 && count != 2) continue;
       const Vec3 x = count == 2 ? smoothed_along_edges(v) : smoothed_in_surface(v);
-      if (!would_fold(mesh_, v, x)) mesh_.set_point(v, x);
+      if (keeps_side(v, x) && !would_fold(mesh_, v, x)) mesh_.set_point(v, x);
     }
+  }
+  /// Whether a place is on the same side of all symmetry planes as a vertex.
+  bool keeps_side(VertexHandle v, const Vec3& x) const {
+    const auto side = [](double coordinate) { return coordinate > 0 ? 1 : coordinate < 0 ? -1 : 0; };
+    for (std::size_t k = 0; k < options_.planes; ++k) {
+      if (side(mesh_.point(v)[k]) != side(x[k])) return false;
+    }
+    return true;
   }
   Vec3 smoothed_in_surface(VertexHandle v) const {
     Vec3 sum{}, normal{};
@@ -244,16 +286,19 @@ class IsotropicRemeshing {
   Vec3 smoothed_along_edges(VertexHandle v) const {
     Vec3 sum{};
     std::array<Vec3, 2> ends{};
+    std::array<std::size_t, 2> kinds_there{};
     std::size_t count = 0;
     for (const HalfedgeHandle h : mesh_.outgoing(v)) {
       if (!is_sharp(h)) continue;
+      kinds_there[count] = kind(h);
       ends[count++] = mesh_.point(mesh_.target(h));
       sum = sum + ends[count - 1];
     }
     const Vec3 &x = mesh_.point(v), d = x - ends[0], e = ends[1] - x;
-    // A corner of the curve stays where it is.
-    if (dot(d, e) < 0.7 * length(d) * length(e)) return x;
-    return (*edges_)(0.5 * sum);
+    // A corner of the curve stays where it is, but for that of a plane, which follows the surface, and where two of them meet.
+    if (kinds_there[0] != kinds_there[1]) return x;
+    if (kinds_there[0] == by_angle && dot(d, e) < 0.7 * length(d) * length(e)) return x;
+    return (*curves_[kinds_there[0]])(0.5 * sum);
   }
 
   /// The last vertices too many or too few, by the shortest and longest edges.
@@ -286,11 +331,14 @@ class IsotropicRemeshing {
     }
   }
 
+  enum Kind : std::size_t { by_angle, in_plane, kinds = in_plane + 3 };
+
   const RemeshingOptions options_;
   SurfaceMesh mesh_;
-  Property<EdgeHandle, char> sharp_;
-  std::optional<ClosestPoint> surface_, edges_;  // of the surface that came in
-  double target_ = 0;                            // length of edges
+  Property<EdgeHandle, char> sharp_;                       // bits of kinds
+  std::optional<ClosestPoint> surface_;                    // that came in
+  std::array<std::optional<ClosestPoint>, kinds> curves_;  // the sharp edges of each kind that came in
+  double target_ = 0;                                      // length of edges
 };
 
 }  // namespace
@@ -303,6 +351,7 @@ void RemeshingOptions::validate() const {
                 "feature_degrees: " + number_digits(feature_degrees) + " is out of range, allowed are 0 to 180");
   }
   check_range(static_cast<std::uint64_t>(std::max(iterations, 0)), 1, 1000, "iterations");
+  check_range(planes, 0, 3, "planes");
 }
 
 SurfaceMesh isotropic_remeshing(const SurfaceMesh& mesh, const RemeshingOptions& options) {

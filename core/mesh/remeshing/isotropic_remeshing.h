@@ -14,6 +14,10 @@ struct RemeshingOptions {
   /// at all. Degrees, 0 to 180; 180: nothing is sharp.
   double feature_degrees = 45;
   int iterations = 10;  ///< rounds of splits, collapses, flips and smoothing; 1 to 1000
+  /// So many of the planes through the origin across the first axes are symmetry planes, 0 to 3: edges whose ends both have the
+  /// coordinate 0, exactly, stay in their plane, whatever the angle. Together they are a curve in which the surface that comes
+  /// out can be cut; it is as coarse as the surface.
+  std::size_t planes = 0;
 
   /// Throws Error(invalid_argument) naming field, value and limits.
   void validate() const;

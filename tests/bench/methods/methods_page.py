@@ -287,7 +287,7 @@ diagonal of the model; times are of a machine with {os.cpu_count()} cores and co
 | it matters that | take | because |
 |---|---|---|
 | handles and fixed parts are exactly where they are sent, in any mesh | {link("rbf")} | exact, smooth, untouched by defects; cells stay best |
-| fixed parts have boundary layers with first cells below 1e-5 of the model | {link("rbf")} with `BIHARMONIC`, {link("ffd")} | `TRIHARMONIC` loses its digits there, and says so |
+| fixed parts have boundary layers with first cells below 1e-7 of the model | {link("rbf")} with `BIHARMONIC`, {link("ffd")} | `TRIHARMONIC` loses its digits there, and says so |
 | the surface is clean and bends like sheet metal | {link("shell")} | exact and as smooth as RBF; refuses meshes with defects |
 | bores stay round, flanges flat, in any mesh | {link("mls")} with constraints | exact, about as smooth, good cells; preparing takes longest |
 | the same few control points span all designs, whatever the handles | {link("ffd")} with `ENERGY` | exact at the handles as far as they reach, nearly as smooth as RBF, little change with the lattice |

@@ -101,7 +101,8 @@ TEST_F(CageFile, IsMadeAroundTheMesh) {
                [&] { read("{generate: {}}"); });
 }
 
-// Of the half of a ball with y >= 0: with MESH around the images, too; with CONTROLS a box that ends in the plane.
+// Of the half of a ball with y >= 0: with MESH around the images, too; with CONTROLS a box that ends in the plane, or a cage that
+// is its own mirror image.
 TEST_F(CageFile, IsMadeForHalfModels) {
   write("half.obj",
         "v 1 0 0\nv -1 0 0\nv 0 2 0\nv 0 0 1.5\nv 0 0 -1.5\nf 1 3 4\nf 3 2 4\nf 3 1 5\nf 2 3 5\ng cut\nf 1 4 2\nf 1 2 5\n");
@@ -127,12 +128,24 @@ TEST_F(CageFile, IsMadeForHalfModels) {
     EXPECT_EQ(box.min, (Vec3{-1.25, 0, -1.75}));
     EXPECT_EQ(box.max, (Vec3{1.25, 2.25, 1.75}));
   }
+  for (const std::string& plane : {given, region}) {
+    for (const CageKind kind : {CageKind::hull, CageKind::wrap}) {
+      CageRequest request;
+      request.kind = kind;
+      request.points = 120;
+      request.planes = {{{0, 0, 0}, {0, 1, 0}}};
+      const CageAround expected = cage_around(*io::read_mesh_file(folder_ / "half.obj")->mesh(), request);
+      const std::string name = kind == CageKind::hull ? "HULL" : "WRAP";
+      const auto cage = read_with("{generate: {kind: " + name + ", points: 120}, coordinates: GREEN}", plane).method().cage();
+      ASSERT_EQ(static_cast<std::size_t>(cage.vertices_size()), 3 * expected.mesh.point_count());
+      for (int i = 0; i < cage.vertices_size(); ++i) EXPECT_EQ(cage.vertices(i), expected.mesh.points[i / 3][i % 3]);
+    }
+  }
   const auto refused = [&](const std::string& cage, const std::string& plane, const std::vector<const char*>& parts) {
     expect_error(ErrorCode::invalid_argument, parts, [&] { read_with(cage, plane); });
   };
-  refused("{generate: {kind: WRAP}, control: CONTROLS}", given,
-          {"half.yaml: method.cage.generate: ", "kind BOX", "control MESH"});
-  refused("{generate: {kind: BOX}}", "point: [0, 0, 0], normal: [0.1, 1, 0]", {"symmetry[0]", "perpendicular to an axis"});
+  refused("{generate: {kind: BOX}}", "point: [0, 0, 0], normal: [0.1, 1, 0]",
+          {"half.yaml: method.cage.generate: ", "symmetry[0]", "perpendicular to an axis", "kind WRAP or HULL"});
   refused("{generate: {kind: BOX}}", "region: {ids: [0, 2, 3]}", {"symmetry[0]", "`point` and `normal`"});
 }
 

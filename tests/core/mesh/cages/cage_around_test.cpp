@@ -5,10 +5,16 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <limits>
+#include <map>
+#include <numbers>
 #include <random>
 #include <set>
+#include <span>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "core/base/vectors.h"
 #include "core/mesh/ahmed.h"
@@ -119,6 +125,159 @@ TEST(CageAround, KeepsTheOffsetThatIsAskedForWhereItIsEnough) {
   EXPECT_GT(narrow.offset, 0.05) << "60 points on a ball of 1.05 cut it off";
   expect_cage(narrow, ball, 60);
   EXPECT_EQ(cage_around(ball, {.kind = CageKind::box, .points = 100, .offset = 0.25}).clearance, 0.25);
+}
+
+/// The faces of a mesh where the first `planes` coordinates are 0 or more, with their points.
+Mesh part_of(const Mesh& mesh, std::size_t planes) {
+  Mesh part;
+  std::map<PointId, PointId> numbers;
+  std::size_t at = 0;
+  for (const std::uint32_t size : mesh.face_sizes) {
+    const std::span<const PointId> corners(mesh.face_points.data() + at, size);
+    at += size;
+    const bool kept = std::all_of(corners.begin(), corners.end(), [&](PointId id) {
+      const Vec3& x = mesh.points[id];
+      return std::all_of(x.begin(), x.begin() + static_cast<std::ptrdiff_t>(planes), [](double c) { return c >= 0; });
+    });
+    if (!kept) continue;
+    part.face_sizes.push_back(size);
+    for (const PointId id : corners) {
+      const auto [found, added] = numbers.try_emplace(id, static_cast<PointId>(part.points.size()));
+      if (added) part.points.push_back(mesh.points[id]);
+      part.face_points.push_back(found->second);
+    }
+  }
+  return part;
+}
+
+Vec3 reflected_in(const CagePlane& plane, const Vec3& x) {
+  return x - (2 * dot(plane.normal, x - plane.point) / dot(plane.normal, plane.normal)) * plane.normal;
+}
+
+/// Of a half model: all that is promised of a cage around the whole model, and that it is its own mirror image.
+void expect_half_cage(const CageAround& cage, const Mesh& half, const std::vector<CagePlane>& planes, std::size_t points) {
+  Mesh whole = half;
+  for (const CagePlane& plane : planes) {
+    for (std::size_t i = 0, count = whole.points.size(); i < count; ++i) {
+      whole.points.push_back(reflected_in(plane, whole.points[i]));
+    }
+  }
+  expect_cage(cage, whole, points);
+  EXPECT_EQ(crossing_triangles(cage.mesh), 0u);
+  const Points& at = cage.mesh.points;
+  const double near = 1e-13 * bounding_box(at).diagonal();
+  std::set<std::set<PointId>> triangles;
+  for (std::size_t c = 0; c < cage.mesh.face_points.size(); c += 3) {
+    triangles.insert({cage.mesh.face_points[c], cage.mesh.face_points[c + 1], cage.mesh.face_points[c + 2]});
+  }
+  std::size_t first = at.size();  // of the vertices on the side of the mesh
+  for (const CagePlane& plane : planes) {
+    const double side = dot(plane.normal, half.points[0] + half.points[half.point_count() / 2] - 2.0 * plane.point);
+    std::vector<PointId> image;
+    for (const Vec3& x : at) {
+      const Vec3 to = reflected_in(plane, x);
+      const auto found = std::find_if(at.begin(), at.end(), [&](const Vec3& y) { return distance(y, to) <= near; });
+      ASSERT_NE(found, at.end());
+      image.push_back(static_cast<PointId>(found - at.begin()));
+    }
+    for (const std::set<PointId>& t : triangles) {
+      std::set<PointId> to;
+      for (const PointId id : t) to.insert(image[id]);
+      ASSERT_EQ(triangles.count(to), 1u);
+    }
+    for (std::size_t i = 0; i < at.size(); ++i) {
+      if (side * dot(plane.normal, at[i] - plane.point) < -near * std::abs(side) * norm(plane.normal)) first = std::min(first, i);
+    }
+  }
+  EXPECT_GE(first << planes.size(), at.size()) << "those on the side of the mesh come first";
+}
+
+TEST(CageAround, OfHalfModelsIsItsOwnMirrorImage) {
+  const Mesh car = ahmed_body({.target_points = 2000});
+  Mesh turned = car;  // the symmetry plane becomes x = 0
+  for (Vec3& x : turned.points) x = {x[1], -x[0], x[2]};
+  const Mesh ball = test::sphere(1, 4);
+  const std::array<Vec3, 3> axes{{{2, 0, 0}, {0, -3, 0}, {0, 0, 1}}};
+  for (const CageKind kind : {CageKind::hull, CageKind::wrap}) {
+    for (const std::size_t points : {60u, 400u}) {
+      SCOPED_TRACE(std::to_string(static_cast<int>(kind)) + " " + std::to_string(points));
+      const std::vector<CagePlane> one{{{0, 5, 1}, {2, 0, 0}}};
+      const Mesh half = part_of(turned, 1);
+      const CageAround cage = cage_around(half, {.kind = kind, .points = points, .planes = one});
+      expect_half_cage(cage, half, one, points);
+      EXPECT_EQ(cage.components, 1u);
+      for (std::size_t count = 1; count <= 3; ++count) {
+        std::vector<CagePlane> planes;
+        for (std::size_t k = 0; k < count; ++k) planes.push_back({{0, 0, 0}, axes[k]});
+        const Mesh part = part_of(ball, count);
+        expect_half_cage(cage_around(part, {.kind = kind, .points = points, .planes = planes}), part, planes, points);
+      }
+    }
+  }
+}
+
+// Turned and moved, in millimetres, and on the other side of the plane.
+TEST(CageAround, OfHalfModelsInAnyDirectionAndUnit) {
+  const Mesh half = part_of(test::sphere(1, 4), 2);
+  const std::vector<CagePlane> planes{{{0, 0, 0}, {1, 0, 0}}, {{0, 0, 0}, {0, 1, 0}}};
+  const CageAround usual = cage_around(half, {.points = 150, .planes = planes});
+  const double c = std::cos(0.7), s = std::sin(0.7);
+  const auto turned = [&](const Vec3& x) { return Vec3{c * x[0] - s * x[2], -x[1], s * x[0] + c * x[2]}; };
+  const Vec3 moved{3, -7, 2};
+  for (const double unit : {1.0, 1000.0}) {
+    Mesh other = half;
+    for (Vec3& x : other.points) x = unit * (turned(x) + moved);
+    std::vector<CagePlane> there;
+    for (const CagePlane& plane : planes) there.push_back({unit * moved, turned(plane.normal)});
+    const CageAround cage = cage_around(other, {.points = 150, .planes = there});
+    expect_half_cage(cage, other, there, 150);
+    EXPECT_NEAR(cage.offset / unit, usual.offset, 1e-6 * usual.offset);
+  }
+}
+
+// A model that does not touch the plane, and bores whose rims do.
+TEST(CageAround, OfHalfModelsWithSeveralLoopsOrNoneInThePlane) {
+  const std::vector<CagePlane> plane{{{0, 0, 0}, {1, 0, 0}}};
+  Mesh beside = test::sphere(1, 4);
+  for (Vec3& x : beside.points) x = x + Vec3{2.5, 0, 0};
+  const CageAround two = cage_around(beside, {.points = 300, .planes = plane});
+  expect_half_cage(two, beside, plane, 300);
+  EXPECT_EQ(two.components, 2u);
+  const CageAround joined = cage_around(beside, {.kind = CageKind::hull, .points = 300, .planes = plane});
+  expect_half_cage(joined, beside, plane, 300);
+  EXPECT_EQ(joined.components, 1u);
+  // Half a ring, cut across: two loops.
+  Mesh ring;
+  constexpr unsigned n = 24, m = 16;
+  for (unsigned i = 0; i <= n; ++i) {
+    for (unsigned j = 0; j < m; ++j) {
+      const double a = std::numbers::pi * (static_cast<double>(i) / n - 0.5), b = 2 * std::numbers::pi * j / m;
+      const double across = i == 0 || i == n ? 0 : std::cos(a);
+      ring.points.push_back({(1 + 0.3 * std::cos(b)) * across, (1 + 0.3 * std::cos(b)) * std::sin(a), 0.3 * std::sin(b)});
+      if (i == n) continue;
+      ring.face_sizes.push_back(4);
+      for (const PointId id : {i * m + j, (i + 1) * m + j, (i + 1) * m + (j + 1) % m, i * m + (j + 1) % m}) {
+        ring.face_points.push_back(id);
+      }
+    }
+  }
+  const CageAround open = cage_around(ring, {.points = 600, .planes = plane});
+  expect_half_cage(open, ring, plane, 600);
+  EXPECT_EQ(open.genus, 1u);
+}
+
+TEST(CageAround, RefusesPlanesThatCannotBe) {
+  const Mesh half = part_of(test::sphere(1, 3), 1);
+  const auto refused = [&](std::vector<CagePlane> planes, const std::vector<const char*>& parts, CageKind kind = CageKind::wrap) {
+    expect_error(ErrorCode::invalid_argument, parts,
+                 [&] { (void)cage_around(half, {.kind = kind, .planes = std::move(planes)}); });
+  };
+  const CagePlane x{{}, {1, 0, 0}}, y{{}, {0, 1, 0}}, z{{}, {0, 0, 1}};
+  refused({x}, {"planes", "box", "lowest"}, CageKind::box);
+  refused({x, y, z, x}, {"planes[3]", "at most 3"});
+  refused({x, {{}, {0.01, 1, 0}}}, {"planes[1]", "not orthogonal to planes[0]", "0.0099"});
+  refused({{{}, {0, 0, 0}}}, {"planes[0]", "not zero"});
+  refused({{{NAN, 0, 0}, {0, 0, 1}}}, {"planes[0]", "finite"});
 }
 
 using Divisions = std::array<std::size_t, 3>;

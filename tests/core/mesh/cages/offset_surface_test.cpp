@@ -7,6 +7,8 @@
 
 #include "core/base/vectors.h"
 #include "core/mesh/cages/crossing_triangles.h"
+#include "core/mesh/cages/mirror_frame.h"
+#include "core/mesh/remeshing/isotropic_remeshing.h"
 #include "core/mesh/surface_mesh/surface_mesh.h"
 #include "tests/core/mesh/cages/cage_checks.h"
 #include "tests/core/mesh/named_meshes.h"
@@ -28,6 +30,12 @@ Mesh offset_of(const Mesh& mesh, double offset, double cell) {
 std::size_t handles_of(const Mesh& mesh) {
   const MeshReport report = inspect(mesh);
   return (2 * report.components + report.edges - report.points - report.faces) / 2;
+}
+
+double area_of(const Mesh& mesh) {
+  double area = 0;
+  for (const auto& [a, b, c] : triangles_of(mesh)) area += length(cross(b - a, c - a)) / 2;
+  return area;
 }
 
 /// A torus around the z axis, radii 1 and r.
@@ -54,6 +62,47 @@ TEST(OffsetSurface, OfASphereIsALargerOne) {
   EXPECT_EQ(handles_of(made), 0u);
   for (const Vec3& x : made.points) ASSERT_NEAR(norm(x), 1.2, 0.01);
   EXPECT_NEAR(test::winding_of(made, {0, 0, 0}), 1, 1e-12) << "it faces outwards";
+}
+
+// In the first octant, open in three planes with all corners of the rims exactly there.
+TEST(OffsetSurface, EndsInSymmetryPlanes) {
+  const Mesh ball = test::sphere(1, 5);
+  const Mesh whole = offset_of(ball, 0.2, 0.1);
+  for (std::size_t planes = 1; planes <= 3; ++planes) {
+    SCOPED_TRACE(planes);
+    const Mesh part = offset_surface(ClosestPoint(triangles_of(ball)), bounding_box(ball.points), {0.2, 0.1, planes});
+    const SurfaceMesh surface(part);
+    surface.check();
+    std::size_t rim = 0;
+    for (const EdgeHandle e : surface.edges()) {
+      const HalfedgeHandle h = SurfaceMesh::halfedge(e);
+      const Vec3 &a = surface.point(surface.source(h)), &b = surface.point(surface.target(h));
+      bool lies = false;
+      for (std::size_t k = 0; k < planes; ++k) lies = lies || (a[k] == 0 && b[k] == 0);
+      EXPECT_EQ(surface.is_boundary(e), lies);
+      rim += lies ? 1 : 0;
+    }
+    EXPECT_GT(rim, 20u);
+    for (const Vec3& x : part.points) {
+      ASSERT_NEAR(norm(x), 1.2, 0.01);
+      for (std::size_t k = 0; k < planes; ++k) ASSERT_GE(x[k], 0);
+    }
+    EXPECT_NEAR(area_of(part) * (1 << planes), area_of(whole), 0.01 * area_of(whole));
+  }
+}
+
+// Where the surface passes a symmetry plane in a neck or a groove about as wide as the edges or narrower, the part on one side of
+// it still ends in the plane, with all that it has there.
+TEST(OffsetSurface, IsCutInNecksAndGroovesAfterRemeshing) {
+  std::vector<Mesh> models;
+  for (const double away : {1.05, 1.1, 1.18}) {
+    models.push_back(test::sphere(1, 4));
+    for (Vec3& x : models.back().points) x = x + Vec3{away, 0, 0};
+  }
+  for (const double gap : {0.16, 0.19}) models.push_back(test::part_above(test::sphere(1, 5), 0, gap));
+  for (const Mesh& model : models) {
+    for (const std::size_t vertices : {60u, 240u}) test::expect_cut(model, 0.2, vertices);
+  }
 }
 
 TEST(OffsetSurface, KeepsHandlesThatAreWideEnough) {
@@ -113,6 +162,7 @@ TEST(OffsetSurface, RefusesOptionsOutOfTheirLimits) {
   expect_error(ErrorCode::invalid_argument, {"offset"}, [&] { (void)offset_surface(closest, box, {0, 0.1}); });
   expect_error(ErrorCode::invalid_argument, {"cell"}, [&] { (void)offset_surface(closest, box, {0.1, 0.2}); });
   expect_error(ErrorCode::invalid_argument, {"cell", "nodes"}, [&] { (void)offset_surface(closest, box, {0.1, 1e-5}); });
+  expect_error(ErrorCode::invalid_argument, {"planes", "4"}, [&] { (void)offset_surface(closest, box, {0.1, 0.1, 4}); });
   expect_error(ErrorCode::invalid_argument, {"no triangle"}, [&] { (void)offset_surface(ClosestPoint({}), box, {0.1, 0.1}); });
 }
 

@@ -68,5 +68,15 @@ INSTANTIATE_TEST_SUITE_P(Shared, CageOf,
                            return name;
                          });
 
+// Cut a little off the plane, so that both halves end beside it in walls that are closer to each other than the edges are long.
+TEST(HalfCage, OfARealMeshCanBeCutInThePlane) {
+  Mesh spool = *io::read_mesh_file(std::filesystem::path(DEFORM_SHARED_DATA) / "A_surface/spool.off")->mesh();
+  for (Vec3& x : spool.points) x = {x[1], -x[0], x[2]};
+  const Mesh half = test::part_above(spool, 0, 0);
+  for (const double offset : {0.038, 0.0475, 0.0593}) {
+    for (const std::size_t vertices : {200u, 400u, 800u}) test::expect_cut(half, offset, vertices);
+  }
+}
+
 }  // namespace
 }  // namespace deform

@@ -3,7 +3,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 #include <random>
+#include <string>
 
 #include "core/base/vectors.h"
 #include "core/mesh/ahmed.h"
@@ -111,6 +113,35 @@ TEST(IsotropicRemeshing, KeepsTheEdgesAndCornersOfACube) {
   }
 }
 
+// A sphere in eight parts. Whatever its size, edges along the great circles in the planes close around each part.
+TEST(IsotropicRemeshing, KeepsEdgesInSymmetryPlanes) {
+  const Mesh input = test::sphere(1, 5);
+  for (const std::size_t planes : {1u, 3u}) {
+    for (const std::size_t vertices : {60u, 500u, 3000u}) {
+      SCOPED_TRACE(std::to_string(planes) + " " + std::to_string(vertices));
+      const SurfaceMesh made =
+          isotropic_remeshing(SurfaceMesh(input), {.vertices = vertices, .feature_degrees = 180, .planes = planes});
+      expect_closed_like(input, made);
+      expect_count(made, vertices);
+      EXPECT_GT(least_angle(made), 15);
+      for (std::size_t k = 0; k < planes; ++k) {
+        double around = 0, longest = 0;
+        for (const EdgeHandle e : made.edges()) {
+          const HalfedgeHandle h = SurfaceMesh::halfedge(e);
+          const Vec3 &a = made.point(made.source(h)), &b = made.point(made.target(h));
+          ASSERT_GE(a[k] * b[k], 0) << "no edge runs through the plane";
+          if (a[k] != 0 || b[k] != 0) continue;
+          around += 2 * std::asin(distance(a, b) / 2);
+          longest = std::max(longest, distance(a, b));
+        }
+        EXPECT_NEAR(around, 2 * std::numbers::pi, 0.02);
+        EXPECT_GT(longest, 0.5 * std::sqrt(8 * std::numbers::pi / std::sqrt(3) / static_cast<double>(vertices)))
+            << "as elsewhere";
+      }
+    }
+  }
+}
+
 TEST(IsotropicRemeshing, RoundsWhatIsNotToStaySharp) {
   const Mesh input = cube(3);
   const SurfaceMesh made = isotropic_remeshing(SurfaceMesh(input), {.vertices = 200, .feature_degrees = 180});
@@ -146,6 +177,7 @@ TEST(IsotropicRemeshing, RefusesWhatIsNotClosed) {
   expect_error(ErrorCode::invalid_argument, {"vertices"}, [&] { (void)isotropic_remeshing(closed, {.vertices = 3}); });
   expect_error(ErrorCode::invalid_argument, {"feature_degrees"},
                [&] { (void)isotropic_remeshing(closed, {.feature_degrees = 181}); });
+  expect_error(ErrorCode::invalid_argument, {"planes: 4", "0 to 3"}, [&] { (void)isotropic_remeshing(closed, {.planes = 4}); });
   expect_error(ErrorCode::invalid_argument, {"iterations"}, [&] { (void)isotropic_remeshing(closed, {.iterations = 0}); });
 }
 
