@@ -32,8 +32,8 @@ struct CaseParts {
 };
 
 /// The parts that a path names: CASE/processor*/PLACE, CASE/processorsN/PLACE, a CASE/PLACE that is in the parts only, or a case
-/// that has no mesh but that of its parts; else std::nullopt. Throws Error(not_found) naming a part that is missing or has no mesh, and Error(invalid_argument) for a
-/// case that was decomposed into several numbers of collated parts.
+/// that has no mesh but that of its parts; else std::nullopt. Throws Error(not_found) naming a part that is missing or has no
+/// mesh, and Error(invalid_argument) for a case that was decomposed into several numbers of collated parts.
 std::optional<CaseParts> case_parts(const std::filesystem::path& path);
 /// Puts the mesh together by the files pointProcAddressing, faceProcAddressing and cellProcAddressing of the parts: points,
 /// faces, cells, patches and zones as in the case before it was decomposed. Throws Error(invalid_argument) naming file and entry
