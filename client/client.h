@@ -47,9 +47,9 @@ struct ClientOptions {
   /// several servers UNAVAILABLE counts when all of them have been tried. With `replicas` twice as many: the proxy has to notice
   /// first that a server is gone.
   int max_attempts = 4;
-  /// How long, from the first failure of a call, attempts go on beyond max_attempts while no server can be reached. Absent: 30 s
-  /// once this client has had an answer, so that a restart of the server ends nothing, and 0 before, so that a wrong address is
-  /// told at once. At most a week.
+  /// How long, from the first failure of a call, attempts go on beyond max_attempts while no server can be reached, or it refuses
+  /// and says when to come back. Absent: 30 s once this client has had an answer, so that a restart of the server ends nothing,
+  /// and 0 before, so that a wrong address is told at once. At most a week.
   std::optional<std::chrono::milliseconds> patience = std::nullopt;
   int decode_threads = 0;  ///< 0 = all cores
   /// Of requests that name none (their tolerance then counts for it). ENCODING_DEFAULT: RAW_F64 when `address` is a unix socket

@@ -28,7 +28,7 @@ std::optional<std::chrono::milliseconds> RetryPolicy::next_wait(const Error& err
   const bool sent = dynamic_cast<const NotConnected*>(&error) == nullptr;
   const bool lost = error.code() == ErrorCode::unavailable && (options_.retry == Retry::safe || !sent);
   if (!refused && !lost) return std::nullopt;
-  const bool patient = lost && now - *first_failure_ < options_.patience;
+  const bool patient = now - *first_failure_ < options_.patience;
   if (failed_attempts_ >= options_.max_attempts && !patient) return std::nullopt;
   const double backoff = 100.0 * std::pow(2.0, std::min(failed_attempts_ - 1, 6)) * (0.5 + random());
   const double hint = static_cast<double>(error.retry_after_ms()) * (1.0 + 0.5 * random());

@@ -32,7 +32,9 @@ class RetryPolicy {
     int max_attempts = 4;       ///< the first one included
     std::uint64_t seed = 1;     ///< of the jitter
     Retry retry = Retry::safe;  ///< which errors allow another attempt
-    /// From the first failure on attempts go on for so long while connections are lost, however many there were.
+    /// From the first failure on attempts go on for so long, however many there were: connections are lost while a server
+    /// restarts, and many clients that share a rate or a queue are refused often, since each hint is about the next free place
+    /// alone.
     std::chrono::milliseconds patience{0};
   };
   /// For one call.

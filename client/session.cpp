@@ -60,8 +60,9 @@ void StreamSession::submit(std::shared_ptr<const v1::DeformRequest> request, Des
     return open->answer({}, error);
   }
   open->id = ++last_id_;
-  open->retry = std::make_unique<RetryPolicy>(
-      RetryPolicy::Options{connection_->options.max_attempts, connection_->options.retry_seed + open->id, Retry::when_refused});
+  open->retry = std::make_unique<RetryPolicy>(RetryPolicy::Options{connection_->options.max_attempts,
+                                                                   connection_->options.retry_seed + open->id,
+                                                                   Retry::when_refused, connection_->patience()});
   make_decoder(open);
   open_.emplace(open->id, open);
   commands_.push_back({open, 0, RunContext::Clock::now()});

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cstdint>
 #include <span>
 #include <string>
 
@@ -16,5 +17,8 @@ inline constexpr double most_coordinate = 1e40, least_extent = 1e-40;
 /// Throws Error(invalid_argument) for finite points (n x 3) beyond these limits: "FIELD[I]: coordinate x is 1e+308, the limit is
 /// ...". Any thread.
 void check_coordinates(std::span<const Vec3> points, const std::string& field);
+
+/// The limit of their size alone, for points that are not a mesh. first: number of the first of them in messages.
+void check_magnitudes(std::span<const Vec3> points, const std::string& field, std::uint64_t first = 0);
 
 }  // namespace deform

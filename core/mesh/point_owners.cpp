@@ -13,10 +13,13 @@ PointOwners::Overlap PointOwners::claim(std::span<const PointId> ids, std::uint3
   for (const PointId id : ids) {
     if (owners_[id] == nobody || owners_[id] == owner) {
       owners_[id] = owner;
-    } else if (overlap.points++ == 0) {
+      continue;
+    }
+    if (overlap.points == 0) {
       overlap.first = id;
       overlap.other = owners_[id];
     }
+    if (owners_[id] == overlap.other) ++overlap.points;
   }
   return overlap;
 }

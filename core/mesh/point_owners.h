@@ -19,7 +19,7 @@ class PointOwners {
 
   /// Points claimed for a second owner.
   struct Overlap {
-    std::size_t points = 0;
+    std::size_t points = 0;  ///< that `other` owns
     PointId first = 0;
     std::uint32_t other = nobody;  ///< owner of the first
 
@@ -27,8 +27,8 @@ class PointOwners {
     std::string text(const std::string& other_name, const std::string& noun = "point") const;
   };
 
-  /// Assigns points to `owner`, which must not be nobody. Ids must be in range. Points that have an owner keep it and are
-  /// returned as the overlap.
+  /// Assigns points to `owner`, which must not be nobody. Ids must be in range. Points that have an owner keep it; the
+  /// overlap that is returned is that with the owner of the first of them.
   Overlap claim(std::span<const PointId> ids, std::uint32_t owner);
 
   const std::vector<std::uint32_t>& owners() const { return owners_; }

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "core/base/vectors.h"
+#include "core/mesh/coordinate_limits.h"
 #include "core/quality/displacement.h"
 #include "proto/convert/base/block.h"
 #include "proto/convert/base/fields.h"
@@ -54,6 +55,7 @@ std::vector<Vec3> decoded(v1::Block& message, std::size_t number, std::uint64_t 
   for (std::size_t i = 0; i < points.size(); ++i) {
     if (!is_finite(points[i])) convert::refuse_field("points[" + std::to_string(first + i) + "]", "must be finite");
   }
+  check_magnitudes(points, "points", first);
   return points;
 }
 

@@ -83,7 +83,7 @@ TEST(Retry, SameSeedSameWaitingTimesThatGrow) {
   EXPECT_FALSE(a.next_wait(lost));
 }
 
-TEST(Retry, APatientOneWaitsForLostConnectionsOnly) {
+TEST(Retry, APatientOneWaitsForLostConnectionsAndComesBackWhenTold) {
   const Error lost(ErrorCode::unavailable, "lost"), full(ErrorCode::out_of_budget, "the queue is full", 20);
   client::RetryPolicy patient({2, 7, client::Retry::safe, std::chrono::hours(1)});
   for (int k = 0; k < 20; ++k) {
@@ -91,10 +91,16 @@ TEST(Retry, APatientOneWaitsForLostConnectionsOnly) {
     ASSERT_TRUE(wait) << k;
     EXPECT_LE(wait->count(), 9600) << "no longer than 6.4 s, times at most 1.5";
   }
-  EXPECT_FALSE(patient.next_wait(full));
-  patient.start_afresh();
-  EXPECT_TRUE(patient.next_wait(full));
-  EXPECT_FALSE(patient.next_wait(full)) << "attempts count";
+  for (int k = 0; k < 20; ++k) {
+    const auto wait = patient.next_wait(full);
+    ASSERT_TRUE(wait) << k;
+    EXPECT_GE(wait->count(), 20);
+    EXPECT_LE(wait->count(), 30);
+  }
+  EXPECT_FALSE(patient.next_wait(Error(ErrorCode::out_of_budget, "too large"))) << "no hint";
+  client::RetryPolicy spent({2, 7, client::Retry::safe, std::chrono::milliseconds(0)});
+  EXPECT_TRUE(spent.next_wait(full));
+  EXPECT_FALSE(spent.next_wait(full)) << "attempts count";
   client::RetryPolicy removing({2, 7, client::Retry::when_refused, std::chrono::hours(1)});
   EXPECT_FALSE(removing.next_wait(lost)) << "it may have been carried out";
 }

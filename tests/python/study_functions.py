@@ -35,6 +35,20 @@ def to_the_edge(points, variables, report):
     return {"low": 1e5 - 1e3 * float(points[:, 2].sum())}, {"low": np.tile([0, 0, -1e3], (len(points), 1))}
 
 
+def in_a_corner(points, variables, report):
+    """Of a hundredth of the bounds, which are about 0.1 and 0.5, around the original."""
+    if max(abs(variables["roof_up"]), abs(variables["slant_turn"])) > 0.003:
+        raise RuntimeError("did not converge")
+    return points[:, 2].mean()
+
+
+def two_goals(points, variables, report):
+    """Values that contend: how far from the original, and how high."""
+    if variables["roof_up"] < -0.04:
+        raise RuntimeError("did not converge")
+    return {"near": abs(variables["roof_up"]) * 20 + abs(variables["slant_turn"]), "high": float(points[:, 2].mean())}
+
+
 def distance(points, variables, report):
     """To a point; with its gradient."""
     away = points - np.array([1.0, 0, 0.5])

@@ -5,6 +5,7 @@ import csv
 import hashlib
 import json
 import os
+import pathlib
 import random
 import re
 import signal
@@ -33,11 +34,11 @@ def study(case, tmp_path):
         folder = tmp_path / "study"
         log = tmp_path / "log"
 
-        def start(self, text, **variables):
+        def start(self, text, start_new_session=False, **variables):
             (tmp_path / "study.yaml").write_text(("" if "setup:" in text else f"setup: {case.setup}\n") + f"server: {case.server.address}\n{text}\n")
             paths = os.pathsep.join([os.environ.get("PYTHONPATH", ""), str(HERE)])
             return subprocess.Popen([sys.executable, "-m", "deformd.study", str(tmp_path / "study.yaml")], stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-                                    text=True, env={**os.environ, "PYTHONPATH": paths, "STUDY_LOG": str(self.log), **variables})
+                                    text=True, start_new_session=start_new_session, env={**os.environ, "PYTHONPATH": paths, "STUDY_LOG": str(self.log), **variables})
 
         def __call__(self, text, **variables):
             process = self.start(text, **variables)
@@ -73,7 +74,7 @@ def test_a_design_of_experiments(study, system):
 
 def test_a_table_is_that_of_a_sweep(study, case, tmp_path):
     """The same file serves both; a column is left at 0 where there is none."""
-    (tmp_path / "designs.csv").write_text("name; roof_up\nfirst; 0.01\n\n;-0.02\n")
+    (tmp_path / "designs.csv").write_text("name; roof_up\nfirst; 0.01\n\nsecond;-0.02\n")
     code, told = study("doe: {table: designs.csv}\nevaluate: {measures: {v: volume}}")
     assert code == 0, told
     case.command("sweep", case.setup, "--designs", tmp_path / "designs.csv", "-o", tmp_path / "swept")
@@ -203,7 +204,7 @@ def test_a_folder_without_a_finished_design_is_claimed_anew(study):
     told = study("evaluate: {function: no_such_module:f}\ndoe: {halton: 4}")[1]
     assert "no_such_module" in told
     code, told = study("evaluate: {function: study_functions:always_broken}\ndoe: {halton: 3}")
-    assert code == 0 and [row["verdict"] for row in study.history()] == ["failed"] * 3, told
+    assert code == 3 and "all 3 designs failed" in told and [row["verdict"] for row in study.history()] == ["failed"] * 3, told
     kept = study.folder / "results" / "000000.json"
     late = {**json.loads((study.folder / "journal.jsonl").read_text().split("\n")[0]), "study": "of another file"}
     kept.write_text(json.dumps(late))
@@ -371,6 +372,35 @@ def test_optimizers_of_libraries(study, library, optimizer, enough):
     assert "The best, design" in (study.folder / "report.html").read_text()
 
 
+def test_a_population_that_failed_is_not_the_end(study):
+    """Designs can be used in a hundredth of the bounds around the original. Equal values of all that failed would be a flat function for pycma."""
+    pytest.importorskip("cma")
+    code, told = study("evaluate: {function: study_functions:in_a_corner}\nminimize: value\nbudget: 120\nfailing: 1\noptimizer: {cma: {popsize: 8, sigma: 0.6}}")
+    assert code == 0, told
+    verdicts = [row["verdict"] for row in study.history()]
+    assert set(verdicts[:8]) == {"failed"}, "the first population"
+    assert "good" in verdicts
+
+
+def test_the_pareto_front(study):
+    pytest.importorskip("pymoo")
+    code, told = study("evaluate: {function: study_functions:two_goals}\nminimize: near\nmaximize: high\nconstraints: {near: {max: 0.9}}\nbudget: 60\n"
+                       "optimizer: {nsga2: {pop_size: 12}}")
+    assert code == 0, told
+    rows = study.history()
+    goals = [(float(row["near"]), -float(row["high"])) if row["near"] and float(row["near"]) <= 0.9 else None for row in rows]
+
+    def beaten(goal):
+        return any(other and other != goal and other[0] <= goal[0] and other[1] <= goal[1] for other in goals)
+
+    front = [int(goal is not None and not beaten(goal)) for goal in goals]
+    assert [int(row["on_front"]) for row in rows] == front and 2 < sum(front) < len(rows) - 5
+    assert f"{sum(front)} of {len(rows)} designs are on the Pareto front" in told
+    page = (study.folder / "report.html").read_text()
+    assert "The Pareto front" in page and page.count("<tr><td>") >= sum(front) and "The best in near, design" in page
+    assert [each["on_front"] for each in json.loads((study.folder / "history.json").read_text())] == front
+
+
 # ---- quality ----
 
 QUALITY = ["least_angle", "flipped_faces", "displacement", "max_displacement", "displacement_ratio"]
@@ -514,6 +544,12 @@ def test_more_than_half_failing_stops(study):
     assert code == 0 and len(study.history()) == 40
 
 
+def test_a_format_that_the_mesh_cannot_be_written_in_is_refused_at_once(study):
+    code, told = study("evaluate: {function: study_functions:height}\ndoe: {halton: 4}\nmeshes: .su2")
+    assert code == 1 and told.startswith("error: meshes: .su2:") and not study.log.exists(), told
+    assert not list(study.folder.glob("tmp*"))
+
+
 def test_no_server_is_no_failure_of_designs(study):
     code, told = study("evaluate: {function: no_such_module:f}\ndoe: {halton: 4}")
     assert code == 1 and "no_such_module" in told and not (study.folder / "journal.jsonl").read_bytes()
@@ -534,6 +570,54 @@ def test_a_command_per_design(study, tmp_path):
     assert [row["verdict"] for row in rows] == ["good", "failed", "good"] and "diverged" in rows[1]["reasons"]
     assert float(rows[2]["top"]) > float(rows[0]["top"])
     assert (study.folder / "cases" / "000002" / "output.txt").exists()
+
+
+def _ends(process):
+    """Whether the process of a number ends within some seconds."""
+    for _ in range(100):
+        try:
+            state = pathlib.Path(f"/proc/{process}/stat").read_text().rsplit(")", 1)[1].split()[0]
+        except OSError:
+            return True
+        if state == "Z":  # nobody waits for it
+            return True
+        time.sleep(0.05)
+    return False
+
+
+SOLVER = "sh -c 'sleep 300 & echo $! > solver.pid; wait'"
+
+
+def test_what_a_command_started_ends_with_its_design(study):
+    code, told = study(f'evaluate: {{command: "{SOLVER}", timeout: 0.5}}\ndoe: {{halton: 1}}')
+    assert code == 3 and "longer than 0.5 s" in study.history()[0]["reasons"], told
+    assert _ends(int((study.folder / "cases" / "000000" / "solver.pid").read_text()))
+
+
+@pytest.mark.parametrize("place", ["threads", "processes"])
+def test_an_interrupted_study_ends_what_its_commands_started(study, place):
+    process = study.start(f'evaluate: {{command: "{SOLVER}"}}\ndoe: {{halton: 4}}\nplace: {{{place}: 2}}', start_new_session=True)
+    pids = [study.folder / "cases" / f"{number:06}" / "solver.pid" for number in range(2)]
+    for _ in range(400):
+        if all(path.exists() and path.read_text().strip() for path in pids):
+            break
+        time.sleep(0.05)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does
+    told = process.communicate(timeout=60)[0]
+    assert process.returncode == 130 and "interrupted" in told, told
+    assert all(_ends(int(path.read_text())) for path in pids)
+    assert not list((study.folder / "results").glob("*")) and not (study.folder / "journal.jsonl").read_bytes(), "these designs have not failed"
+
+
+def test_a_killed_study_with_processes_ends_what_its_commands_started(study):
+    process = study.start(f'evaluate: {{command: "{SOLVER}"}}\ndoe: {{halton: 2}}\nplace: {{processes: 1}}')
+    pid = study.folder / "cases" / "000000" / "solver.pid"
+    while not pid.exists() or not pid.read_text().strip():
+        assert process.poll() is None, process.communicate()[0]
+        time.sleep(0.05)
+    process.kill()
+    process.communicate(timeout=60)
+    assert _ends(int(pid.read_text()))
 
 
 def test_the_share_of_deforming_is_told(study, tmp_path):
@@ -645,6 +729,8 @@ def test_numbers_with_exponents_need_no_point(case, tmp_path):
     ("doe: {sobol: 4}\nevaluate: {measures: {t: thickness, t_least: area}}", 'evaluate.measures.t_least: gives "t_least", as "t" does'),
     ("doe: {sobol: 4}\nevaluate: {function: f}", 'expected "module:function"'),
     ("doe: {sobol: 4}\nplace: {threads: 0}", "place.threads: 0"),
+    ("doe: {sobol: 4}\nevaluate: {command: solve, timeout: 0}", "evaluate.timeout: 0, expected seconds, a positive number"),
+    ("doe: {sobol: 4}\nevaluate: {command: solve, timeout: 5m}", "evaluate.timeout: '5m', expected seconds"),
     ("doe: {sobol: 4}\nfailing: 2", "failing: 2"),
 ])
 def test_what_is_wrong_in_the_file(case, tmp_path, text, message):

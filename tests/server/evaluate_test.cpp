@@ -271,6 +271,9 @@ TEST_P(Evaluate, BadBlocksAreRefusedWithIndexAndLimit) {
     broken[17][2] = bad;
     expect_refused({header(), good, block(broken, 1, 100)}, {"points[117]", "finite"});
   }
+  std::vector<Vec3> far = points;
+  far[17][2] = -1e300;
+  expect_refused({header(), good, block(far, 1, 100)}, {"points[117]", "coordinate z", "1e+40"});
 }
 
 TEST_P(Evaluate, BadBeginningsAreRefused) {

@@ -20,17 +20,7 @@ double seconds_since(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
 
-/// Between attempts are 0.1, 0.2, ... 6.4, 6.4, ... seconds in the mean; see client::RetryPolicy.
 client::ClientOptions with_patience(client::ClientOptions options, std::chrono::duration<double> patience) {
-  constexpr int most_attempts = 100;  // of ClientOptions
-  constexpr double longest = 6.4;
-  int attempts = 1;
-  double pause = 0.1;
-  for (double waited = 0; waited < patience.count() && attempts < most_attempts; pause = std::min(2 * pause, longest)) {
-    waited += pause;
-    ++attempts;
-  }
-  options.max_attempts = std::max(options.max_attempts, attempts);  // of refusals, too
   options.patience = std::chrono::duration_cast<std::chrono::milliseconds>(patience);
   return options;
 }

@@ -28,9 +28,9 @@ class Client:
     timeout: seconds for each call that has no timeout of its own; None: no limit.
     connect_timeout: seconds for one attempt to connect.
     max_attempts: of a call that is safe to repeat, while the server cannot be reached or asks to come back later; twice as many with `replicas`.
-    patience: seconds, from the first failure of a call, for which attempts go on beyond max_attempts while no server can be reached. Unless
-      given 30 once this client has had an answer, so that a restart of the server ends nothing, and 0 before, so that a wrong address is told at
-      once.
+    patience: seconds, from the first failure of a call, for which attempts go on beyond max_attempts while no server can be reached, or it refuses
+      and says when to come back. Unless given 30 once this client has had an answer, so that a restart of the server ends nothing, and 0 before, so
+      that a wrong address is told at once.
     threads: for decoding; 0: all cores.
     encoding: of points, "RAW_F64", "RAW_F32", "DRACO" or "DELTA_ZSTD"; unless given RAW_F64 for a server on this machine, else DELTA_ZSTD.
 

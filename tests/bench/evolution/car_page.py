@@ -30,7 +30,7 @@ def gather(folder, figures, server, generations):
         start = _rest(folder, points, faces)
         convergence(figures, runs, start["fitness"])
         bests = {method: systems[method](np.array(runs[method].best["x"]), bad="keep") for method in channel.METHODS}
-        reports = {method: systems[method].deform(np.array(runs[method].best["x"]), bad="keep").report for method in channel.METHODS}
+        reports = {method: systems[method].deform(np.array(runs[method].best["x"])).report for method in channel.METHODS}
         bodies(figures, systems["rbf"].geometry.points, bests, faces)
         return {"runs": runs, "generations": generations, "start": start, "cells": _cells(folder), "reports": reports,
                 "preparing": {method: sum(stage.seconds for stage in system.info.stages) for method, system in systems.items()}}
@@ -114,7 +114,7 @@ def section(data):
     for method, run in runs.items():
         best = run.best["values"]
         report = data["reports"][method]
-        missed = f"{report.misfit / car.BOUND:.2g}" if method == "dm_ffd" else ""
+        missed = f"{report.interpolation_residual / car.BOUND:.2g}" if method == "dm_ffd" else ""
         rows.append([channel.METHODS[method], f"{run.course[-1]:.4f}", f"{100 * (run.course[-1] / start['fitness'] - 1):+.1f} %", f"{best['drag']:.4f}",
                      f"{best['volume']:.4f}", f"{run.steps[-1] / run.steps[0]:.2g}", f"{100 * run.unusable / len(run.records):.0f} %", missed,
                      f"{data['preparing'][method]:.1f} s"])

@@ -92,5 +92,6 @@ class Run:
         for first in range(0, 15 * self.generations, 15):
             asked = strategy.ask()
             self.same &= bool(np.array_equal(np.array([-bound + np.asarray(u) * span for u in asked]) + 0.0, designs[first:first + 15]))
-            strategy.tell(asked, [value(record) if record["values"] else 1e60 for record in self.records[first:first + 15]])
+            strategy.tell(asked, [value(record) if record["values"] else 1e60 * (1 + float(np.linalg.norm(np.asarray(u) - 0.5)))
+                                  for u, record in zip(asked, self.records[first:first + 15])])
             self.steps.append(strategy.sigma * span)

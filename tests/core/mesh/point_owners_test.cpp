@@ -18,6 +18,9 @@ TEST(PointOwners, TheFirstKeepsWhatASecondWants) {
   EXPECT_EQ(overlap.first, 1U);
   EXPECT_EQ(overlap.other, 0U);
   EXPECT_EQ(owners.owners(), (std::vector<std::uint32_t>{7, 0, 0, 7, nobody}));
+  const auto of_several = owners.claim(Ids{4, 3, 2, 1, 0}, 8);
+  EXPECT_EQ(of_several.other, 7U);
+  EXPECT_EQ(of_several.points, 2U) << "not those of the others";
   EXPECT_EQ(overlap.text("handle \"a\""),
             "overlaps handle \"a\": 2 common points, the first is point 1; subtract one region from the other with `difference`");
 }

@@ -18,15 +18,17 @@ from ..compiled import load
 from ..errors import DataLoss, Error, InvalidArgument
 from ..quality import violation
 from . import optimizers, results
+from .commands import end_commands
 from .journal import Journal
 from .libraries import needing_libraries
 from .places import open_place
 from .sampling import sample
 from .spec import TOLERANCE, Spec, name_advice, read_spec
-from .worker import Task, check_quality, evaluate, kept_result, mesh_beside
+from .worker import Task, check_format, check_quality, evaluate, kept_result, mesh_beside
 
 FAILED = 1e60
-"""What optimizers of one objective see for a design that failed or is bad; ranks after all others."""
+"""What optimizers of one objective see for a design that failed or is bad: this, times 1 plus how far it lies from the start, in parts of the bounds,
+where the optimizer ranks designs. So they rank after all others, and a population of which all failed goes back to where designs can be used."""
 INFEASIBLE = 1e30
 """What they see for one outside of the constraints: this, times 1 plus the sum of the violations."""
 
@@ -121,9 +123,11 @@ class Study:
                 for future in _done(futures):
                     del futures[future]
                     self._add(future.result(), time.monotonic() - began[future])
-        finally:
+        except BaseException:
             for future in futures:
                 future.cancel()
+            end_commands()
+            raise
 
     def _add(self, record: Dict[str, Any], seconds: float) -> None:
         self._journal.add({**record, "seconds": round(seconds, 3)})
@@ -132,8 +136,8 @@ class Study:
         records = self._journal.records.values()
         bad = [each for each in records if failed(each)]
         if len(records) >= 20 and len(bad) > self.spec.failing * len(records):
-            raise StudyStopped(f"{len(bad)} of {len(records)} designs failed, the last one: {'; '.join(bad[-1]['reasons'])}. Narrow the bounds of the "
-                               "variables or repair the evaluator; `failing: 1` in the file goes on whatever fails")
+            raise StudyStopped(f"{len(bad)} of {len(records)} designs failed, the last one: {'; '.join(bad[-1]['reasons'])}. {_REPAIR}; "
+                               "`failing: 1` in the file goes on whatever fails")
 
     def _tell(self, record: Dict[str, Any]) -> None:
         records = self._journal.records
@@ -225,17 +229,25 @@ def run_study(path: Union[str, "os.PathLike[str]"], say: Callable[[str], None] =
             say(line)
         if lost is not None:
             raise OutsideConstraints(lost)
-        return journal.in_order()
+        records = journal.in_order()
+        if records and all(failed(each) for each in records):
+            raise StudyStopped(f"{'the only design' if len(records) == 1 else f'all {len(records)} designs'} failed, the last one: "
+                               f"{'; '.join(records[-1]['reasons'])}. {_REPAIR}")
+        return records
     finally:
         journal.close()
 
 
 _OUTSIDE = "no design is within the constraints"
+_REPAIR = "Narrow the bounds of the variables or repair the evaluator"
 
 
 def _outcome(spec: Spec, records: List[Dict[str, Any]]) -> List[str]:
     """What a search found, where that is not what it was for."""
     best = results.best_of(spec, records)
+    if best is not None and len(spec.objectives) > 1:
+        front = results.front_of(spec, records)
+        return [f"{len(front)} of {len(records)} designs are on the Pareto front: none is better in one objective without being worse in another"]
     measured = [each for each in records
                 if not failed(each) and (not_evaluated(each) or all(name in each["values"] for name, _, _ in spec.constraints))]
     if best is not None:
@@ -272,11 +284,13 @@ def _task(spec: Spec) -> Tuple[Task, Tuple[str, ...], np.ndarray]:
     if spec.setup.suffix == ".deformation":
         task["mesh"] = task["mesh"] or mesh_beside(spec.setup)
         check_quality(task, by_server=False)
+        check_format(task)
         fast = load(spec.setup)
         return {**task, "compiled": str(spec.setup), "names": fast.names}, fast.names, fast.bounds
     if task["mesh"] is None:
         task["mesh"] = str(_deformd.Setup.read(str(spec.setup), False).geometry_file or "") or None
     check_quality(task, by_server=spec.deformation == "server")
+    check_format(task)
     with Client(spec.server) as client:
         system = client.prepare(spec.setup, None if spec.mesh is None else spec.mesh)
         task.update(server=client.address, system=system.id, names=system.names)

@@ -68,6 +68,8 @@ def _start(study: "Study", options: Dict[str, Any]) -> np.ndarray:
 def _cma(study: "Study", options: Dict[str, Any]) -> str:
     import cma
 
+    from .driver import FAILED, failed
+
     # In the unit cube, since the lengths of variables differ.
     low, high = study.bounds.T
     span = np.where(high > low, high - low, 1.0)
@@ -78,7 +80,9 @@ def _cma(study: "Study", options: Dict[str, Any]) -> str:
     while not strategy.stop():
         asked = strategy.ask()
         records = study.designs([low + np.asarray(u) * (high - low) for u in asked])
-        strategy.tell(asked, [study.value(record) for record in records])
+        # Designs that failed differ by how far they are from the start, where the mesh is as it was: equal values would end the search as a flat function.
+        strategy.tell(asked, [FAILED * (1 + float(np.linalg.norm(np.asarray(u) - start))) if failed(record) else study.value(record)
+                              for u, record in zip(asked, records)])
     return "CMA-ES: " + ", ".join(f"{key} {value}" for key, value in strategy.stop().items())
 
 

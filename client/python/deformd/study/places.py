@@ -2,24 +2,14 @@
 """Where designs are evaluated: executors of this machine and of libraries that are installed."""
 
 import contextlib
-import ctypes
 import importlib
 import multiprocessing
 import os
 import pathlib
-import signal
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from typing import Any, Callable, Iterator, Tuple
 
-_prctl = getattr(ctypes.CDLL(None), "prctl", None)  # found here, since a child between fork and exec should not look for it
-
-
-def die_with_parent(parent: int) -> None:
-    """Linux ends this process when `parent`, which started it, ends, so that no worker of a killed study goes on."""
-    if _prctl is not None:
-        _prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
-    if os.getppid() != parent:  # it ended before that
-        os._exit(1)
+from .commands import become_worker
 
 
 @contextlib.contextmanager
@@ -31,9 +21,14 @@ def open_place(place: Tuple[str, Any], folder: pathlib.Path) -> Iterator[Executo
         with ThreadPoolExecutor(options) as pool:
             yield pool
     elif kind == "processes":
-        with ProcessPoolExecutor(options, mp_context=multiprocessing.get_context("spawn"), initializer=die_with_parent,
+        with ProcessPoolExecutor(options, mp_context=multiprocessing.get_context("spawn"), initializer=become_worker,
                                  initargs=(os.getpid(),)) as processes:
-            yield processes
+            try:
+                yield processes
+            except BaseException:
+                for worker in multiprocessing.active_children():  # they would go on with the designs that they were given
+                    worker.terminate()
+                raise
     elif kind == "submitit":
         import submitit
 

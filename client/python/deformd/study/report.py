@@ -19,18 +19,20 @@ _STYLE = "body{font:15px sans-serif;max-width:70em;margin:2em auto;color:#222}ta
 _WIDTH, _HEIGHT = 900.0, 300.0
 
 
-def page(spec: Spec, names: Sequence[str], bounds: np.ndarray, task: Task, records: List[Record], best: Optional[Record],
+def page(spec: Spec, names: Sequence[str], bounds: np.ndarray, task: Task, records: List[Record], best: Optional[Record], front: List[Record],
          ends: Sequence[str]) -> str:
-    """The page: counts, the history, all designs as parallel coordinates, the best beside the original with its quality, failures."""
+    """The page: counts, the history, the Pareto front of several objectives, all designs as parallel coordinates, the best beside the original with its quality, failures."""
     counts = {verdict: sum(each["verdict"] == verdict for each in records) for verdict in ("good", "doubtful", "unknown", "bad", "failed")}
     parts = [f"<h1>{html.escape(spec.folder.name)}</h1><p>{len(records)} designs: " +
              ", ".join(f"{count} {verdict}" for verdict, count in counts.items() if count) + ".</p>"]
     parts += [f"<p>{html.escape(line[:1].upper() + line[1:])}.</p>" for line in ends]
     if spec.objectives:
         parts.append(_history(spec, records))
+    if front:
+        parts.append(_front(spec, names, records, front))
     parts.append(_parallel(spec, names, bounds, records, best))
     if best is not None:
-        parts.append(_best(names, task, best))
+        parts.append(_best(names, task, best, f" in {spec.objectives[0][0]}" if front else ""))
     lost = [each for each in records if each["verdict"] in ("bad", "failed")]
     if lost:
         parts.append("<h2>Designs that failed</h2><table><tr><th>design<th>verdict<th>reasons</tr>" + "".join(
@@ -68,6 +70,36 @@ def _history(spec: Spec, records: List[Record]) -> str:
     return "".join(found)
 
 
+def _front(spec: Spec, names: Sequence[str], records: List[Record], front: List[Record]) -> str:
+    """Of each further objective over the first all designs that have both, the front above them; and the front as a table."""
+    goals = [name for name, _ in spec.objectives]
+    numbers = {each["number"] for each in front}
+    measured = sorted((each for each in records if each["verdict"] not in ("bad", "failed") and set(goals) <= each["values"].keys()),
+                      key=lambda each: each["number"] in numbers)
+    ranges = {name: (min(each["values"][name] for each in measured), max(each["values"][name] for each in measured)) for name in goals}
+
+    def part(each: Record, name: str) -> float:
+        low, high = ranges[name]
+        return (each["values"][name] - low) / ((high - low) or 1)
+
+    pictures = []
+    for other in goals[1:]:
+        dots = "".join(f"<circle cx='{60 + part(each, goals[0]) * (_WIDTH - 120):.1f}' cy='{_HEIGHT - 40 - part(each, other) * (_HEIGHT - 60):.1f}' r='3.5' "
+                       f"fill='{'#c33' if each['number'] in numbers else '#bbb'}'><title>design {each['number']}: {each['values'][goals[0]]:.6g}, "
+                       f"{each['values'][other]:.6g}</title></circle>" for each in measured)
+        low, high = ranges[other]
+        left, right = ranges[goals[0]]
+        pictures.append(f"<svg viewBox='0 0 {_WIDTH:.0f} {_HEIGHT:.0f}' font-size='12'>{dots}<text x='8' y='14'>{html.escape(other)} {high:.4g}</text>"
+                        f"<text x='8' y='{_HEIGHT - 26:.0f}'>{low:.4g}</text><text x='60' y='{_HEIGHT - 8:.0f}'>{html.escape(goals[0])} {left:.4g}</text>"
+                        f"<text x='{_WIDTH - 60:.0f}' y='{_HEIGHT - 8:.0f}' text-anchor='end'>{right:.4g}</text></svg>")
+    others = sorted({name for each in front for name in each["values"]} - set(goals))
+    head = "".join(f"<th>{html.escape(name)}" for name in ["design", *goals, *others, *names])
+    rows = "".join(f"<tr><td>{each['number']}" + "".join(f"<td>{each['values'][name]:.6g}" if name in each["values"] else "<td>" for name in [*goals, *others]) +
+                   "".join(f"<td>{value:.6g}" for value in each["x"]) + "</tr>" for each in front)
+    return (f"<h2>The Pareto front</h2><p>{len(front)} designs, in red: none is better in one objective without being worse in another.</p>"
+            f"{''.join(pictures)}<div style='overflow-x:auto'><table><tr>{head}</tr>{rows}</table></div>")
+
+
 def _parallel(spec: Spec, names: Sequence[str], bounds: np.ndarray, records: List[Record], best: Optional[Record]) -> str:
     measured = sorted({name for each in records for name in each["values"]})
     axes: List[Tuple[str, float, float]] = []
@@ -93,9 +125,9 @@ def _parallel(spec: Spec, names: Sequence[str], bounds: np.ndarray, records: Lis
     return f"<h2>All designs</h2>{legend}<svg viewBox='0 0 {_WIDTH:.0f} {_HEIGHT:.0f}'>{''.join(lines)}{marks}</svg>"
 
 
-def _best(names: Sequence[str], task: Task, best: Record) -> str:
+def _best(names: Sequence[str], task: Task, best: Record, where: str) -> str:
     rows = "".join(f"<tr><td>{html.escape(name)}<td>{value:.6g}</tr>" for name, value in [*zip(names, best["x"]), *best["values"].items()])
-    told = f"<h2>The best, design {best['number']}</h2><table>{rows}<tr><td>verdict<td>{best['verdict']}</tr></table>"
+    told = f"<h2>The best{html.escape(where)}, design {best['number']}</h2><table>{rows}<tr><td>verdict<td>{best['verdict']}</tr></table>"
     try:
         rest, faces = rest_and_faces(task)
         moved = points_of({**task, "x": best["x"]})

@@ -15,23 +15,29 @@ from .spec import Spec
 from .worker import Task
 
 Record = Dict[str, Any]
+_FRONT = "on_front"
 
 
 def write(spec: Spec, names: Sequence[str], bounds: np.ndarray, task: Task, records: List[Record], ends: Sequence[str]) -> None:
     """history.csv, history.json, report.html, history.parquet where pyarrow is there, and manifest.json where meshes are written. The histories
-    have nothing that depends on the time. ends: lines of the report that say how a search ended."""
-    columns = list(names) + sorted({name for record in records for name in record["values"]})
+    have nothing that depends on the time; of several objectives they say which designs are on the Pareto front. ends: lines of the report that say how a search ended."""
     rows = [_row(names, record) for record in records]
+    columns = ["number", *names, *sorted({name for record in records for name in record["values"]})]
+    if len(spec.objectives) > 1:
+        columns.append(_FRONT)
+        front = {record["number"] for record in front_of(spec, records)}
+        rows = [{**row, _FRONT: int(row["number"] in front)} for row in rows]
+    columns += ["verdict", "reasons"]
     text = io.StringIO()
-    writer = csv.DictWriter(text, ["number", *columns, "verdict", "reasons"], lineterminator="\n")
+    writer = csv.DictWriter(text, columns, lineterminator="\n")
     writer.writeheader()
     writer.writerows([{**row, "reasons": "; ".join(row["reasons"])} for row in rows])
     write_whole(spec.folder / "history.csv", text.getvalue().encode())
     write_whole(spec.folder / "history.json", json.dumps(rows, indent=1).encode())
-    _write_parquet(spec, ["number", *columns, "verdict", "reasons"], rows)
+    _write_parquet(spec, columns, rows)
     if spec.meshes is not None:
         write_whole(spec.folder / "manifest.json", json.dumps(_manifest(spec, names, bounds, task, records), indent=1).encode())
-    write_whole(spec.folder / "report.html", page(spec, names, bounds, task, records, best_of(spec, records), ends).encode())
+    write_whole(spec.folder / "report.html", page(spec, names, bounds, task, records, best_of(spec, records), front_of(spec, records) if len(spec.objectives) > 1 else [], ends).encode())
 
 
 def _write_parquet(spec: Spec, columns: List[str], rows: List[Record]) -> None:
@@ -45,14 +51,32 @@ def _write_parquet(spec: Spec, columns: List[str], rows: List[Record]) -> None:
 
 def best_of(spec: Spec, records: List[Record]) -> Optional[Record]:
     """The usable design within the constraints of the least first objective; None without objective or such a design."""
-    from .driver import TOLERANCE, failed, violations
-
     if not spec.objectives:
         return None
     name, sign = spec.objectives[0]
-    wanted = {name, *(each for each, _, _ in spec.constraints)}
-    usable = [each for each in records if not failed(each) and wanted <= each["values"].keys() and all(v <= TOLERANCE for v in violations(spec, each))]
-    return min(usable, key=lambda each: sign * each["values"][name], default=None)
+    return min(_usable(spec, records, [name]), key=lambda each: sign * each["values"][name], default=None)
+
+
+def front_of(spec: Spec, records: List[Record]) -> List[Record]:
+    """The Pareto front: the usable designs within the constraints than which no other is at least as good in all objectives and better in one, in the order
+    of the first objective."""
+    usable = _usable(spec, records, [name for name, _ in spec.objectives])
+    goals = np.array([[sign * each["values"][name] for name, sign in spec.objectives] for each in usable]).reshape(len(usable), len(spec.objectives))
+    order = np.lexsort(goals.T[::-1])
+    front: List[int] = []
+    for i in order:  # what dominates a design stands before it
+        rivals = goals[front]
+        if not ((rivals <= goals[i]).all(axis=1) & (rivals < goals[i]).any(axis=1)).any():
+            front.append(int(i))
+    return [usable[i] for i in front]
+
+
+def _usable(spec: Spec, records: List[Record], names: Sequence[str]) -> List[Record]:
+    """The designs that have the named values and are within the constraints."""
+    from .driver import TOLERANCE, failed, violations
+
+    wanted = {*names, *(each for each, _, _ in spec.constraints)}
+    return [each for each in records if not failed(each) and wanted <= each["values"].keys() and all(v <= TOLERANCE for v in violations(spec, each))]
 
 
 def _row(names: Sequence[str], record: Record) -> Record:

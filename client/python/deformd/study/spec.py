@@ -190,6 +190,12 @@ def _place(value: Any) -> Tuple[str, Any]:
     return name, options
 
 
+def _seconds(key: str, value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 < value < float("inf"):
+        raise InvalidArgument(f"{key}: {value!r}, expected seconds, a positive number")
+    return float(value)
+
+
 def _names(key: str, value: Any) -> List[str]:
     names = [value] if isinstance(value, str) else value
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
@@ -219,6 +225,8 @@ def _evaluate(base: pathlib.Path, value: Any) -> Dict[str, Any]:
     for key in ("template", "timeout"):
         if key in value and kinds != ["command"]:
             raise InvalidArgument(f"evaluate.{key}: only of a command")
+    if "timeout" in value:
+        checked["timeout"] = _seconds("evaluate.timeout", value["timeout"])
     if "walls" in value and "quality" not in value:
         raise InvalidArgument("evaluate.walls: only with quality, which measures the first layer of cells on them")
     for key in ("quality", "walls"):

@@ -10,6 +10,7 @@ import pathlib
 import shlex
 import shutil
 import subprocess
+import tempfile
 import threading
 import time
 from typing import Any, Dict, Iterator, List, Mapping, Optional, Tuple
@@ -23,9 +24,9 @@ from ..errors import Error, InvalidArgument, NumericalFailure
 from ..faces import CellCheck, FaceCheck
 from ..quality import REPORT_MEASURES, Quality, differences, report_measure, violation
 from ..reports import CompiledReport
+from . import commands
 from .journal import write_whole
 from .measures import Evaluation, make_measure
-from .places import die_with_parent
 from .spec import TOLERANCE, name_advice
 
 Task = Dict[str, Any]
@@ -235,17 +236,15 @@ def _command(task: Task, points: np.ndarray, record: Dict[str, Any]) -> Any:
     words = shlex.split(how["command"])
     for place, value in places.items():
         words = [word.replace(place, value) for word in words]
-    parent = os.getpid()
     with open(case / "output.txt", "wb") as output, _timed(record, "evaluating"):
         try:
-            done = subprocess.run(words, cwd=case, stdin=subprocess.DEVNULL, stdout=output, stderr=output, timeout=how.get("timeout"),
-                                  preexec_fn=lambda: die_with_parent(parent))
-        except subprocess.TimeoutExpired:
-            raise _Failed(f"{words[0]}: longer than {how['timeout']} s") from None
+            status = commands.run(words, case, output, how.get("timeout"))
+        except subprocess.TimeoutExpired as late:
+            raise _Failed(f"{words[0]}: longer than {late.timeout:g} s") from None
         except FileNotFoundError:
             raise InvalidArgument(f"evaluate.command: there is no program {words[0]}") from None
-    if done.returncode != 0:
-        raise _Failed(f"{words[0]}: ended with {done.returncode}: {_tail(case / 'output.txt')}")
+    if status != 0:
+        raise _Failed(f"{words[0]}: ended with {status}: {_tail(case / 'output.txt')}")
     if not result.exists():
         raise _Failed(f"{words[0]}: wrote no {result}")
     try:
@@ -304,6 +303,18 @@ def check_quality(task: Task, by_server: bool) -> None:
         except InvalidArgument as error:
             why = f"{name}: only the server reports it, and here designs are deformed without" if name in REPORT_MEASURES else str(error)
             raise InvalidArgument(f"evaluate.quality: {why}") from None
+
+
+def check_format(task: Task) -> None:
+    """Writes the mesh at rest once in the format of the key meshes, and removes it. Raises Error, which names the key, for one that it cannot be written in."""
+    if not task["write"]:
+        return
+    mesh = _mesh(task)
+    with tempfile.TemporaryDirectory(dir=task["folder"]) as folder:
+        try:
+            mesh.write(os.path.join(folder, f"rest{task['write']}"), np.asarray(mesh.points))
+        except Error as error:
+            raise type(error)(f"meshes: {task['write']}: {str(error).replace(folder + os.sep, '')}") from None
 
 
 def _faces(task: Task) -> np.ndarray:
@@ -378,4 +389,4 @@ def points_of(task: Task) -> np.ndarray:
     return _system(task).deform(np.array(task["x"])).points
 
 
-__all__ = ["Error", "Task", "check_quality", "evaluate", "kept_result", "points_of", "quality_of", "rest_and_faces"]
+__all__ = ["Error", "Task", "check_format", "check_quality", "evaluate", "kept_result", "points_of", "quality_of", "rest_and_faces"]
