@@ -2,6 +2,7 @@
 """Evaluators of test_study.py; studies import them by name."""
 
 import os
+import signal
 import time
 
 import numpy as np
@@ -16,6 +17,18 @@ def height(points, variables, report):
     _note(f"{variables['roof_up']!r} {variables['slant_turn']!r}")
     time.sleep(float(os.environ.get("STUDY_SECONDS", "0")))
     return {"height": float(points[:, 2].mean()), "turn": variables["slant_turn"] ** 2}
+
+
+def by_process(points, variables, report):
+    _note(f"{os.getpid()} {variables['roof_up']!r},{variables['slant_turn']!r}")
+    time.sleep(float(os.environ.get("STUDY_SECONDS", "0")))
+    return float(points[:, 2].mean())
+
+
+def deadly(points, variables, report):
+    if variables["roof_up"] > 0.001:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return float(points[:, 2].mean())
 
 
 def always_broken(points, variables, report):

@@ -23,6 +23,7 @@ from deformd.study import read_spec
 from deformd.measures import CentreOfGravity, Thickness, Volume
 from deformd.quality import Quality, differences
 
+PLACE_DESIGNS = int(os.environ.get("DEFORM_PLACE_DESIGNS", "16"))
 KILLS = int(os.environ.get("DEFORM_STUDY_KILLS", "5"))
 
 
@@ -681,6 +682,43 @@ def test_places_give_the_same_history(study, place, library):
     code, told = study(text + f"place: {{{place}}}")
     assert code == 0, told
     assert (study.folder / "history.csv").read_bytes() == here
+
+
+@pytest.mark.parametrize("place, library", [("processes: 2", "numpy"), ("submitit: {cluster: local, timeout_min: 5}", "submitit"),
+                                            ("dask: {n_workers: 2, threads_per_worker: 1, dashboard_address: null}", "distributed"), ("ray: {num_cpus: 2}", "ray")])
+def test_places_outlive_a_killed_worker_and_a_killed_server(study, case, place, library):
+    pytest.importorskip(library)
+    process = study.start(f"evaluate: {{function: study_functions:by_process}}\ndoe: {{halton: {PLACE_DESIGNS}}}\nplace: {{{place}}}", STUDY_SECONDS="0.3")
+
+    def wait_for(count):
+        while not study.log.exists() or len(study.evaluated()) < count:
+            assert process.poll() is None, process.communicate()[0]
+            time.sleep(0.02)
+
+    wait_for(PLACE_DESIGNS // 4)
+    worker = int(study.evaluated()[-1].split()[0])
+    assert worker != process.pid
+    try:
+        os.kill(worker, signal.SIGKILL)
+    except ProcessLookupError:  # a process per design, and this one is done
+        pass
+    wait_for(PLACE_DESIGNS // 2)
+    case.server.kill()
+    time.sleep(1.5)
+    case.server.start()
+    told = process.communicate(timeout=3600)[0]
+    assert process.returncode == 0, told
+    if library in ("numpy", "submitit"):  # the others try again by themselves
+        assert "its worker ended" in told
+    assert [int(row["number"]) for row in study.history()] == list(range(PLACE_DESIGNS)) and {row["verdict"] for row in study.history()} == {"good"}, told
+    designs = [line.split()[1] for line in study.evaluated()]
+    assert len(set(designs)) == PLACE_DESIGNS and len(designs) <= PLACE_DESIGNS + 3, "what a worker was about when it ended is evaluated again, and nothing else"
+
+
+def test_a_design_that_ends_its_workers_has_failed(study):
+    code, told = study("evaluate: {function: study_functions:deadly}\ndoe: {factorial: [3, 1]}\nplace: {processes: 2}")
+    assert code == 0, told
+    assert [row["verdict"] for row in study.history()] == ["good", "good", "failed"] and "its worker ended 3 times" in study.history()[2]["reasons"]
 
 
 # ---- parts ----

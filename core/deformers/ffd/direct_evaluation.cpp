@@ -60,22 +60,16 @@ void DirectEvaluation::report_controls() {
 }
 
 void DirectEvaluation::direct_tile(std::size_t tile, std::size_t first, std::size_t count, double* values) const {
-  for (std::size_t k = 0; k < count; ++k) system_.fill_tile(controls_[first + k], tile, values + 3 * k * tile_size);
+  for (std::size_t k = 0; k < count; ++k) system_.displace_tile(controls_[first + k], tile, values + 3 * k * tile_size);
 }
 
 SpaceMap::Told DirectEvaluation::displacements_at(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
                                                   const RunContext& context) const {
   std::atomic<std::size_t> still = 0;
-  const double* const controls = controls_[0].data();
+  const auto* const controls = reinterpret_cast<const Vec3*>(controls_[0].data());
   parallel_for(context, points.size(), direct_places_per_task, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) out[i] = {};
-    still += system_.model_.in_space
-                 ->rows(points.subspan(begin, end - begin), first + begin,
-                        [&](std::size_t place, std::int64_t column, double value) {
-                          const double* const w = controls + 3 * static_cast<std::size_t>(column);
-                          for (std::size_t k = 0; k < 3; ++k) out[begin + place][k] += value * w[k];
-                        })
-                 .size();
+    still +=
+        system_.model_.in_space->sums(points.subspan(begin, end - begin), first + begin, controls, out.data() + begin).size();
   });
   return {still, 0};
 }

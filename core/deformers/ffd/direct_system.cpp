@@ -132,6 +132,16 @@ void DirectSystem::fill_tile(const RowMajor& controls, std::size_t tile, double*
   }
 }
 
+void DirectSystem::displace_tile(const RowMajor& controls, std::size_t tile, double* out) const {
+  const std::size_t begin = tile * tile_size, count = std::min(tile_size, following().size() - begin);
+  std::array<Vec3, tile_size> sums;
+  const auto* const vectors = reinterpret_cast<const Vec3*>(controls.data());
+  model_.rows->sums(std::span(following()).subspan(begin, count), {&vectors, 1}, sums.data());
+  for (std::size_t k = 0; k < 3; ++k) {
+    for (std::size_t i = 0; i < tile_size; ++i) out[k * tile_size + i] = i < count ? sums[i][k] : 0.0;
+  }
+}
+
 void DirectSystem::prepare_basis(std::size_t memory_budget, const RunContext& context) {
   const std::size_t bytes = HandleBasis::bytes_for(following().size(), fields(), model_.basis_tolerance);
   if (!wants_basis(model_.basis, bytes, inverse_->bytes())) return;

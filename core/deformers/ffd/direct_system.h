@@ -8,15 +8,15 @@
 #include <vector>
 
 #include "core/deformers/ffd/clamped_inverse.h"
+#include "core/deformers/handles/control_functions.h"
 #include "core/deformers/handles/handle_system.h"
 #include "core/deformers/handles/space_functions.h"
-#include "core/numerics/sparse/function_rows.h"
 
 namespace deform {
 
 /// The control points of direct manipulation and its options.
 struct DirectModel {
-  std::shared_ptr<const ComputedRows> rows;        ///< functions of the control points at the points of the mesh, n x k
+  std::shared_ptr<const ControlFunctions> rows;    ///< functions of the control points at the points of the mesh, n x k
   std::shared_ptr<const SpaceFunctions> in_space;  ///< the same at any place
   std::vector<std::string> notes;
   double clamp = 0;   ///< see ClampedInverse, or where it takes fewer functions DampedInverse
@@ -68,6 +68,8 @@ class DirectSystem : public HandleSystem {
   double error_of(const Eigen::MatrixXd& controls, const Eigen::MatrixXd& missed, Eigen::Index c) const;
   /// Writes the values at a tile of the following points to out[c][16].
   void fill_tile(const RowMajor& controls, std::size_t tile, double* out) const;
+  /// The displacements of a tile, 3 columns, for those of the control points, k x 3.
+  void displace_tile(const RowMajor& controls, std::size_t tile, double* out) const;
 
   std::vector<PointId> ids_;  ///< m: handle and fixed points, ascending
   DirectModel model_;

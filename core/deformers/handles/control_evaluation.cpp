@@ -50,9 +50,9 @@ void ControlEvaluation::add_jump_warning(std::size_t design) {
   const Vec3* const vectors = controls.data();
   std::size_t torn = 0;
   double largest = 0;
-  for (std::int64_t e = 0; e < crossings.rows(); ++e) {
+  for (PointId e = 0; e < crossings.rows(); ++e) {
     Vec3 jump{};
-    crossings.sums(e, {&vectors, 1}, &jump);
+    crossings.sums({&e, 1}, {&vectors, 1}, &jump);
     const double length = norm(jump);
     torn += length > least_jump * held_.diagonal ? 1 : 0;
     largest = std::max(largest, length);
@@ -72,18 +72,20 @@ void ControlEvaluation::direct_tile(std::size_t tile, std::size_t first, std::si
   const std::size_t begin = tile * tile_size, end = std::min(begin + tile_size, ids.size());
   std::vector<const Vec3*> vectors;
   for (std::size_t d = 0; d < count; ++d) vectors.push_back(controls_[first + d].data());
-  std::vector<Vec3> sums(count);
+  std::vector<PointId> places;
+  for (std::size_t s = begin; s < end; ++s) places.push_back(symmetry.sector().first_of(ids[s]));
+  std::vector<Vec3> sums(places.size() * count);
   std::fill_n(values, 3 * count * tile_size, 0.0);
-  for (std::size_t s = begin; s < end; ++s) {
-    const PointId at = symmetry.sector().first_of(ids[s]);
-    const std::size_t components = symmetry.sector().on_axis(at) ? 1 : 3;  // across the axis they add up to rounding
-    for (const ControlImage& image : system_.model_.images) {
-      if (!image.rows) continue;
-      image.rows->sums(at, vectors, sums.data());
-      const unsigned number = symmetry.composed(image.image_of(at), at == ids[s] ? 0 : 1);
+  for (const ControlImage& image : system_.model_.images) {
+    if (!image.rows) continue;
+    image.rows->sums(places, vectors, sums.data());
+    for (std::size_t i = 0; i < places.size(); ++i) {
+      const PointId at = places[i];
+      const std::size_t components = symmetry.sector().on_axis(at) ? 1 : 3;  // across the axis they add up to rounding
+      const unsigned number = symmetry.composed(image.image_of(at), at == ids[begin + i] ? 0 : 1);
       for (std::size_t d = 0; d < count; ++d) {
-        const Vec3 u = symmetry.components_in(sums[d], number);
-        for (std::size_t k = 0; k < components; ++k) values[(3 * d + k) * tile_size + s - begin] += u[k];
+        const Vec3 u = symmetry.components_in(sums[i * count + d], number);
+        for (std::size_t k = 0; k < components; ++k) values[(3 * d + k) * tile_size + i] += u[k];
       }
     }
   }

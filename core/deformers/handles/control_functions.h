@@ -13,13 +13,15 @@ namespace deform {
 /// Functions of control points (columns) at points (rows). Immutable; any thread.
 class ControlFunctions : public ComputedRows {
  public:
-  /// out[d] = sum over the entries of a row of value times vectors[d][column], where vectors[d] holds one vector for each control
-  /// point. The sums do not depend on each other, bit for bit.
-  virtual void sums(std::int64_t row, std::span<const Vec3* const> vectors, Vec3* out) const {
-    for (std::size_t d = 0; d < vectors.size(); ++d) out[d] = {};
-    for_each(row, [&](std::int64_t column, double value) {
-      for (std::size_t d = 0; d < vectors.size(); ++d) out[d] = out[d] + value * vectors[d][column];
-    });
+  /// out[i * vectors.size() + d] = sum over the entries of rows[i] of value times vectors[d][column], where vectors[d] holds one
+  /// vector for each control point. The sums do not depend on each other, bit for bit.
+  virtual void sums(std::span<const PointId> rows, std::span<const Vec3* const> vectors, Vec3* out) const {
+    for (std::size_t i = 0; i < rows.size(); ++i, out += vectors.size()) {
+      for (std::size_t d = 0; d < vectors.size(); ++d) out[d] = {};
+      for_each(rows[i], [&](std::int64_t column, double value) {
+        for (std::size_t d = 0; d < vectors.size(); ++d) out[d] = out[d] + value * vectors[d][column];
+      });
+    }
   }
 };
 

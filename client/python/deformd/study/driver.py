@@ -21,14 +21,16 @@ from . import optimizers, results
 from .commands import end_commands
 from .journal import Journal
 from .libraries import needing_libraries
-from .places import open_place
+from .places import Place, WorkerLost, open_place
 from .sampling import sample
 from .spec import TOLERANCE, Spec, name_advice, read_spec
-from .worker import Task, check_format, check_quality, evaluate, kept_result, mesh_beside
+from .worker import Task, check_format, check_quality, evaluate, failed_record, kept_result, mesh_beside
 
 FAILED = 1e60
 """What optimizers of one objective see for a design that failed or is bad: this, times 1 plus how far it lies from the start, in parts of the bounds,
 where the optimizer ranks designs. So they rank after all others, and a population of which all failed goes back to where designs can be used."""
+ATTEMPTS = 3
+"""At a design whose worker ends, until it counts as failed."""
 INFEASIBLE = 1e30
 """What they see for one outside of the constraints: this, times 1 plus the sum of the violations."""
 
@@ -56,7 +58,7 @@ class Study:
     as they are. Designs are numbered in the order in which they are asked for, so a history does not depend on who was done first.
     """
 
-    def __init__(self, spec: Spec, journal: Journal, task: Task, names: Tuple[str, ...], bounds: np.ndarray, place: Any, say: Callable[[str], None]) -> None:
+    def __init__(self, spec: Spec, journal: Journal, task: Task, names: Tuple[str, ...], bounds: np.ndarray, place: Place, say: Callable[[str], None]) -> None:
         self.spec, self.names, self.bounds = spec, names, bounds
         self._journal, self._task, self._place, self._say = journal, task, place, say
         self._numbers: Dict[bytes, int] = {}
@@ -112,17 +114,31 @@ class Study:
         for task, record in ready:
             if record is not None:
                 self._add(record, 0.0)
-        began = {}
-        futures = {}
+        began: Dict[Any, float] = {}
+        futures: Dict[Any, Task] = {}
+        lost = {task["number"]: 0 for task in tasks}
+
+        def submit(task: Task) -> None:
+            future = self._place.submit(evaluate, task)
+            futures[future], began[future] = task, time.monotonic()
+
         try:
             for task, record in ready:
                 if record is None:
-                    future = self._place.submit(evaluate, task)
-                    futures[future], began[future] = task, time.monotonic()
+                    submit(task)
             while futures:
                 for future in _done(futures):
-                    del futures[future]
-                    self._add(future.result(), time.monotonic() - began[future])
+                    task = futures.pop(future)
+                    try:
+                        record = self._place.result(future)
+                    except WorkerLost as error:
+                        lost[task["number"]] += 1
+                        self._say(f"design {task['number']}: its worker ended: {error}")
+                        if lost[task["number"]] < ATTEMPTS:
+                            submit(task)
+                            continue
+                        record = failed_record(task, f"its worker ended {ATTEMPTS} times: {error}")
+                    self._add(record, time.monotonic() - began[future])
         except BaseException:
             for future in futures:
                 future.cancel()

@@ -6,60 +6,127 @@ import importlib
 import multiprocessing
 import os
 import pathlib
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
-from typing import Any, Callable, Iterator, Tuple
+import threading
+import time
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from typing import Any, Callable, Iterator, List, Tuple, Type
 
+from ..errors import Error
 from .commands import become_worker
 
 
+class WorkerLost(Error):
+    """The process that evaluated a design ended before it had a result: it was killed, ran out of memory or crashed."""
+
+    code = "worker_lost"
+
+
+class Place:
+    """Submits tasks and has their results. Futures are those of concurrent.futures, or have `result()` and `done()`."""
+
+    def __init__(self, submit: Callable[..., Any], lost: Tuple[Type[BaseException], ...] = (), wrapped: Tuple[Type[BaseException], ...] = ()) -> None:
+        """lost: what futures raise where a worker ended; wrapped: what they raise in the place of what the function raised, with its trace as text."""
+        self.submit = submit
+        self._lost, self._wrapped = lost, wrapped
+
+    def result(self, future: Any) -> Any:
+        """Raises WorkerLost, or what the function raised."""
+        try:
+            return future.result()
+        except self._wrapped as error:
+            lines = [line for line in str(error).splitlines() if line.strip(" -") and not line.startswith(" ")]
+            raise Error(lines[-3] if len(lines) > 2 else str(error)) from error
+        except self._lost as error:
+            raise WorkerLost(str(error).split("\n", 1)[0][:200]) from error
+
+
+class _Processes:
+    """Threads with a process each, so that one that ends takes no other's design with it."""
+
+    def __init__(self, count: int) -> None:
+        self._threads = ThreadPoolExecutor(count)
+        self._own = threading.local()
+
+    def submit(self, function: Callable[..., Any], *arguments: Any) -> Any:
+        return self._threads.submit(self._run, function, *arguments)
+
+    def _run(self, function: Callable[..., Any], *arguments: Any) -> Any:
+        if getattr(self._own, "process", None) is None:
+            self._own.process = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), initializer=become_worker, initargs=(os.getpid(),))
+        try:
+            return self._own.process.submit(function, *arguments).result()
+        except BrokenProcessPool:
+            self._own.process = None
+            raise WorkerLost("a process of this machine") from None
+
+    def __enter__(self) -> "_Processes":
+        return self
+
+    def __exit__(self, kind: Any, *_: Any) -> None:
+        if kind is not None:
+            for worker in multiprocessing.active_children():
+                worker.terminate()
+        self._threads.shutdown(cancel_futures=True)  # with a thread its process ends
+
+
 @contextlib.contextmanager
-def open_place(place: Tuple[str, Any], folder: pathlib.Path) -> Iterator[Executor]:
-    """The executor of a place: what has `submit(function, argument)` and gives futures of concurrent.futures, or such that have `result()` and
-    `done()`. folder: for what a place has to write."""
+def open_place(place: Tuple[str, Any], folder: pathlib.Path) -> Iterator[Place]:
+    """The place by its name and options. folder: for what it has to write."""
     kind, options = place
     if kind == "threads":
         with ThreadPoolExecutor(options) as pool:
-            yield pool
+            yield Place(pool.submit)
     elif kind == "processes":
-        with ProcessPoolExecutor(options, mp_context=multiprocessing.get_context("spawn"), initializer=become_worker,
-                                 initargs=(os.getpid(),)) as processes:
-            try:
-                yield processes
-            except BaseException:
-                for worker in multiprocessing.active_children():  # they would go on with the designs that they were given
-                    worker.terminate()
-                raise
+        with _Processes(options) as processes:
+            yield Place(processes.submit, (WorkerLost,))
     elif kind == "submitit":
         import submitit
+        from submitit.core.utils import FailedJobError, UncompletedJobError
 
         given = dict(options or {})
         executor = submitit.AutoExecutor(folder=str(folder / "jobs"), cluster=given.pop("cluster", None))
         executor.update_parameters(**given)
-        yield executor
+        submit = _few_at_a_time(executor.submit) if executor.cluster == "local" else executor.submit
+        yield Place(submit, (UncompletedJobError,), (FailedJobError,))
     elif kind == "dask":
-        from distributed import Client
+        from distributed import Client, KilledWorker
 
         with Client(options) if isinstance(options, str) else Client(**(options or {})) as dask:
-            yield dask.get_executor()
+            yield Place(dask.get_executor().submit, (KilledWorker,))
     elif kind == "ray":
         yield from _ray(options)
     else:
         module, name = str(options).split(":")
         with getattr(importlib.import_module(module), name)() as made:
-            yield made
+            yield Place(made.submit, (BrokenProcessPool,))
 
 
-def _ray(options: Any) -> Iterator[Executor]:
+def _few_at_a_time(submit: Callable[..., Any]) -> Callable[..., Any]:
+    """For jobs of this machine, each of which is a process at once: waits until fewer run than there are cores."""
+    jobs: List[Any] = []
+
+    def submit_later(*arguments: Any) -> Any:
+        while True:
+            jobs[:] = [job for job in jobs if not job.done()]
+            if len(jobs) < (os.cpu_count() or 1):
+                break
+            time.sleep(0.05)
+        jobs.append(submit(*arguments))
+        return jobs[-1]
+
+    return submit_later
+
+
+def _ray(options: Any) -> Iterator[Place]:
     import ray
 
     if not ray.is_initialized():
         ray.init(**{"log_to_driver": False, **(options or {})})
-
-    class RayExecutor(Executor):
-        def submit(self, function: Callable[..., Any], /, *arguments: Any, **named: Any) -> "Future[Any]":
-            return ray.remote(function).remote(*arguments, **named).future()
-
     try:
-        yield RayExecutor()
+        yield Place(lambda function, *arguments: ray.remote(function).remote(*arguments).future(), (ray.exceptions.WorkerCrashedError, ray.exceptions.OutOfMemoryError))
     finally:
         ray.shutdown()
+
+
+__all__ = ["Place", "WorkerLost", "open_place"]

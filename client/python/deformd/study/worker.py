@@ -61,6 +61,12 @@ def evaluate(task: Task) -> Dict[str, Any]:
     return record
 
 
+def failed_record(task: Task, reason: str) -> Dict[str, Any]:
+    """Of a design that no worker has a record of."""
+    return {"number": task["number"], "x": task["x"], "seconds_deforming": 0.0, "seconds_evaluating": 0.0, "verdict": "failed", "reasons": [reason], "values": {},
+            "gradients": {}, "mesh": None}
+
+
 def kept_result(task: Task) -> Optional[Dict[str, Any]]:
     """What a worker of this study kept of this design, if it did."""
     kept = pathlib.Path(task["folder"]) / "results" / f"{task['number']:06}.json"
@@ -389,4 +395,4 @@ def points_of(task: Task) -> np.ndarray:
     return _system(task).deform(np.array(task["x"])).points
 
 
-__all__ = ["Error", "Task", "check_format", "check_quality", "evaluate", "kept_result", "points_of", "quality_of", "rest_and_faces"]
+__all__ = ["Error", "Task", "check_format", "check_quality", "evaluate", "failed_record", "kept_result", "points_of", "quality_of", "rest_and_faces"]

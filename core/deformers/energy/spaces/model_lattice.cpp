@@ -112,26 +112,6 @@ std::unique_ptr<const MovedLattice> moved_lattice(const Lattice& lattice, const 
   return std::make_unique<const MovedLattice>(lattice, control_points);
 }
 
-/// Along one axis after the other.
-void lattice_sums(const Lattice& lattice, const Vec3& u, std::span<const Vec3* const> vectors, Vec3* out) {
-  const LatticeWeights at = lattice.weights(u);
-  const std::size_t l = lattice.axis(0).order(), m = lattice.axis(1).order(), n = lattice.axis(2).order();
-  for (std::size_t d = 0; d < vectors.size(); ++d) {
-    Vec3 sum{};
-    for (std::size_t k = 0; k < n; ++k) {
-      Vec3 plane{};
-      for (std::size_t j = 0; j < m; ++j) {
-        const Vec3* const values = vectors[d] + lattice.number(at.first[0], at.first[1] + j, at.first[2] + k);
-        Vec3 line{};
-        for (std::size_t i = 0; i < l; ++i) line = line + at.along[0][i] * values[i];
-        plane = plane + at.along[1][j] * line;
-      }
-      sum = sum + at.along[2][k] * plane;
-    }
-    out[d] = sum;
-  }
-}
-
 ModelLattice made_lattice(const Mesh& mesh, const LatticeOptions& options, const RunContext& context) {
   const Lattice lattice = lattice_of(options, mesh);
   auto in_space = about_control_points([&] { return std::make_shared<const LatticeFunctions>(lattice, options.control_points); });
@@ -189,21 +169,12 @@ void check_lattice(const LatticeOptions& options, const Mesh& mesh) {
   check_control_points(options, *lattice, field + ".control_points");
 }
 
-LatticeRows::LatticeRows(const Lattice& lattice, LatticeCoordinates at) : lattice_(lattice), u_(std::move(at.u)) {
+LatticeRows::LatticeRows(const Lattice& lattice, LatticeCoordinates at) : lattice_(lattice), sums_(lattice), u_(std::move(at.u)) {
   for (const std::uint32_t i : at.outside) u_[i][0] = -1;
 }
 
-void LatticeRows::sums(std::int64_t row, std::span<const Vec3* const> vectors, Vec3* out) const {
-  const auto point = static_cast<std::size_t>(row);
-  if (is_outside(point)) {
-    std::fill_n(out, vectors.size(), Vec3{});
-    return;
-  }
-  lattice_sums(lattice_, u_[point], vectors, out);
-}
-
 LatticeFunctions::LatticeFunctions(const Lattice& lattice, const std::vector<Vec3>& control_points)
-    : lattice_(lattice), moved_(moved_lattice(lattice, control_points)) {}
+    : lattice_(lattice), sums_(lattice), moved_(moved_lattice(lattice, control_points)) {}
 
 LatticeCoordinates LatticeFunctions::coordinates(std::span<const Vec3> points, const RunContext& context) const {
   return moved_ ? moved_->coordinates(points, context) : coordinates_in(lattice_, points, context);
@@ -235,15 +206,13 @@ SpaceFunctions::Outside LatticeFunctions::rows(std::span<const Vec3> places, std
 SpaceFunctions::Outside LatticeFunctions::sums(std::span<const Vec3> places, std::uint64_t first, const Vec3* vectors,
                                                Vec3* out) const {
   Outside outside;
+  std::vector<Vec3> u(places.size());
   for (std::size_t i = 0; i < places.size(); ++i) {
-    const std::optional<Vec3> u = inside(places[i], first + i);
-    out[i] = {};
-    if (u) {
-      lattice_sums(lattice_, *u, {&vectors, 1}, out + i);
-    } else {
-      outside.push_back(i);
-    }
+    const std::optional<Vec3> found = inside(places[i], first + i);
+    u[i] = found.value_or(Vec3{-1, 0, 0});
+    if (!found) outside.push_back(i);
   }
+  sums_(u, {&vectors, 1}, out);
   return outside;
 }
 

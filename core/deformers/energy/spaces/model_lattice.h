@@ -17,6 +17,7 @@
 #include "core/deformers/setup.h"
 #include "core/mesh/mesh.h"
 #include "core/numerics/lattice/lattice_options.h"
+#include "core/numerics/lattice/lattice_sums.h"
 #include "core/numerics/lattice/moved_lattice.h"
 
 namespace deform {
@@ -44,8 +45,9 @@ class LatticeRows : public ControlFunctions {
   void for_each(std::int64_t row, const std::function<void(std::int64_t, double)>& use) const override {
     visit(static_cast<std::size_t>(row), [&](std::size_t p, double weight) { use(static_cast<std::int64_t>(p), weight); });
   }
-  /// Sums along one axis after the other.
-  void sums(std::int64_t row, std::span<const Vec3* const> vectors, Vec3* out) const override;
+  void sums(std::span<const PointId> rows, std::span<const Vec3* const> vectors, Vec3* out) const override {
+    sums_(u_, rows, vectors, out);
+  }
   std::size_t bytes() const override { return u_.size() * sizeof(Vec3); }
 
   const Lattice& lattice() const { return lattice_; }
@@ -59,6 +61,7 @@ class LatticeRows : public ControlFunctions {
 
  private:
   Lattice lattice_;
+  LatticeSums sums_;
   std::vector<Vec3> u_;  ///< local coordinates of each point; the first one is negative outside
 };
 
@@ -81,6 +84,7 @@ class LatticeFunctions : public SpaceFunctions {
   std::optional<Vec3> inside(const Vec3& place, std::uint64_t number) const;
 
   const Lattice lattice_;
+  const LatticeSums sums_;
   const std::unique_ptr<const MovedLattice> moved_;  ///< null for a lattice at rest
 };
 

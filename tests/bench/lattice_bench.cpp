@@ -1,0 +1,105 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Free-form deformation of an Ahmed body of a million points by a lattice of 10^3 control points: designs from stored local
+// coordinates, on one and two threads, and beside the path of the handle basis. Processor time of this program where others on
+// the machine must not count; ratios are of turns taken one after the other.
+//
+// usage: lattice_bench [--quick]
+#include <algorithm>
+#include <chrono>
+#include <ctime>
+#include <functional>
+#include <random>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "core/deformers/system.h"
+#include "core/mesh/ahmed.h"
+#include "tests/bench/report.h"
+
+namespace deform::bench {
+namespace {
+
+constexpr std::uint32_t handles = 12;
+
+Setup by_controls(BasisMode basis) {
+  FfdOptions options;
+  options.control = FfdControl::controls;
+  options.lattice.points = {10, 10, 10};
+  options.basis = basis;
+  Setup setup;
+  setup.method = options;
+  for (std::uint32_t h = 0; h < handles; ++h) {
+    const std::string name = "control" + std::to_string(h);
+    setup.handles.push_back({name, {Region::ControlIds{{450 + h}}}});
+    setup.variables.push_back({"up" + std::to_string(h), name, DesignVariable::Translate{{0, 0, 1}}});
+  }
+  return setup;
+}
+
+std::vector<Design> designs(std::size_t count) {
+  std::mt19937_64 random(1);
+  std::uniform_real_distribution<double> uniform(-0.05, 0.05);
+  std::vector<Design> result(count);
+  for (Design& design : result) {
+    for (std::uint32_t h = 0; h < handles; ++h) design.variables.push_back(uniform(random));
+  }
+  return result;
+}
+
+struct Seconds {
+  double wall = 0, processor = 0;
+};
+
+Seconds of(const std::function<void()>& work) {
+  const auto start = std::chrono::steady_clock::now();
+  const std::clock_t used = std::clock();
+  work();
+  return {std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(),
+          static_cast<double>(std::clock() - used) / CLOCKS_PER_SEC};
+}
+
+double median(std::vector<double> values) {
+  std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2), values.end());
+  return values[values.size() / 2];
+}
+
+int run(bool quick) {
+  AhmedOptions body;
+  body.target_points = 1'000'000;
+  const auto mesh = std::make_shared<const Mesh>(ahmed_body(body));
+  const auto points = static_cast<double>(mesh->point_count());
+  const auto direct = prepare(mesh, by_controls(BasisMode::never)), by_basis = prepare(mesh, by_controls(BasisMode::always));
+  Report report("Free-form deformation, " + std::to_string(mesh->point_count()) + " points, 10^3 control points");
+  report.info("memory beside the mesh, without and with basis",
+              Report::text(static_cast<double>(direct->info().bytes) / (1 << 20)) + " and " +
+                  Report::text(static_cast<double>(by_basis->info().bytes) / (1 << 20)) + " MiB");
+  const auto one = designs(1), many = designs(16);
+  RunContext single, both;
+  single.threads = 1;
+  both.threads = 2;
+  std::vector<double> processor, ratio, speedup, populations;
+  for (int turn = 0; turn < (quick ? 5 : 21); ++turn) {
+    const Seconds alone = of([&] { return direct->evaluate(one, EvaluationPath::direct, single); });
+    const Seconds two = of([&] { return direct->evaluate(one, EvaluationPath::direct, both); });
+    const Seconds basis = of([&] { return by_basis->evaluate(one, EvaluationPath::basis, single); });
+    const Seconds sixteen = of([&] { return direct->evaluate(many, EvaluationPath::direct, single); });
+    processor.push_back(alone.processor);
+    ratio.push_back(alone.processor / basis.processor);
+    speedup.push_back(alone.wall / two.wall / 2);
+    populations.push_back(sixteen.processor / 16);
+  }
+  report.at_least("million points a second on two cores at that efficiency, one design",
+                  2 * std::min(1.0, median(speedup)) * points / median(processor) * 1e-6, 50, "");
+  report.at_least("efficiency of two threads", median(speedup), 0.8, "");
+  report.info("million points per second of one core, one design", Report::text(points / median(processor) * 1e-6));
+  report.info("the same in populations of 16", Report::text(points / median(populations) * 1e-6));
+  report.info("time of the path of stored coordinates over that of the basis of " + std::to_string(handles) + " fields",
+              Report::text(median(ratio)));
+  return report.missed() == 0 ? 0 : 1;
+}
+
+}  // namespace
+}  // namespace deform::bench
+
+int main(int argc, char** argv) { return deform::bench::run(argc > 1 && std::string_view(argv[1]) == "--quick"); }
