@@ -2,6 +2,7 @@
 #include "core/deformers/handles/control_evaluation.h"
 
 #include <algorithm>
+#include <array>
 #include <atomic>
 #include <numeric>
 #include <string>
@@ -15,7 +16,8 @@ namespace deform {
 namespace {
 
 constexpr std::size_t places_per_task = 1024;
-constexpr double least_jump = 1e-9;  // of D: what rounding does is less
+constexpr std::size_t designs_at_once = 16;  // that share the weights of a point
+constexpr double least_jump = 1e-9;          // of D: what rounding does is less
 
 }  // namespace
 
@@ -67,24 +69,31 @@ void ControlEvaluation::add_jump_warning(std::size_t design) {
 }
 
 void ControlEvaluation::direct_tile(std::size_t tile, std::size_t first, std::size_t count, double* values) const {
+  std::fill_n(values, 3 * count * tile_size, 0.0);
+  for (std::size_t d = 0; d < count; d += designs_at_once) {
+    add_tile(tile, first + d, std::min(designs_at_once, count - d), values + 3 * d * tile_size);
+  }
+}
+
+void ControlEvaluation::add_tile(std::size_t tile, std::size_t first, std::size_t count, double* values) const {
   const std::vector<PointId>& ids = system_.following();
   const Symmetry& symmetry = system_.regions_.symmetry;
-  const std::size_t begin = tile * tile_size, end = std::min(begin + tile_size, ids.size());
-  std::vector<const Vec3*> vectors;
-  for (std::size_t d = 0; d < count; ++d) vectors.push_back(controls_[first + d].data());
-  std::vector<PointId> places;
-  for (std::size_t s = begin; s < end; ++s) places.push_back(symmetry.sector().first_of(ids[s]));
-  std::vector<Vec3> sums(places.size() * count);
-  std::fill_n(values, 3 * count * tile_size, 0.0);
+  const std::size_t begin = tile * tile_size, points = std::min(tile_size, ids.size() - begin);
+  std::array<const Vec3*, designs_at_once> vectors;
+  for (std::size_t d = 0; d < count; ++d) vectors[d] = controls_[first + d].data();
+  std::array<PointId, tile_size> places;
+  for (std::size_t i = 0; i < points; ++i) places[i] = symmetry.sector().first_of(ids[begin + i]);
+  std::array<Vec3, designs_at_once * tile_size> sums;
   for (const ControlImage& image : system_.model_.images) {
     if (!image.rows) continue;
-    image.rows->sums(places, vectors, sums.data());
-    for (std::size_t i = 0; i < places.size(); ++i) {
+    image.rows->sums({places.data(), points}, {vectors.data(), count}, sums.data());
+    for (std::size_t i = 0; i < points; ++i) {
       const PointId at = places[i];
       const std::size_t components = symmetry.sector().on_axis(at) ? 1 : 3;  // across the axis they add up to rounding
-      const unsigned number = symmetry.composed(image.image_of(at), at == ids[begin + i] ? 0 : 1);
+      const unsigned number = symmetry.empty() ? 0 : symmetry.composed(image.image_of(at), at == ids[begin + i] ? 0 : 1);
       for (std::size_t d = 0; d < count; ++d) {
-        const Vec3 u = symmetry.components_in(sums[i * count + d], number);
+        const Vec3& sum = sums[i * count + d];
+        const Vec3 u = number == 0 ? sum : symmetry.components_in(sum, number);
         for (std::size_t k = 0; k < components; ++k) values[(3 * d + k) * tile_size + i] += u[k];
       }
     }

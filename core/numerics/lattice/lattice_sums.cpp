@@ -86,18 +86,35 @@ HWY_INLINE Vec3 sum_at(const CubicAxis* HWY_RESTRICT axes, const double* HWY_RES
   return result;
 }
 
+/// The weights of a point, and the first of its control points.
+struct CubicPoint {
+  double weights[3][cubic_order];
+  std::size_t first;
+  bool outside;
+};
+
 void cubic_sums(const CubicAxis* axes, const Vec3* u, const PointId* rows, std::size_t count, const Vec3* const* vectors,
                 std::size_t columns, Vec3* out) {
-  for (std::size_t i = 0; i < count; ++i) {
-    const Vec3& at = u[rows == nullptr ? i : rows[i]];
-    if (at[0] < 0) {
-      std::fill_n(out + i * columns, columns, Vec3{});
-      continue;
+  constexpr std::size_t most = 16;
+  CubicPoint points[most];
+  for (std::size_t begin = 0; begin < count; begin += most) {
+    const std::size_t some = HWY_MIN(most, count - begin);
+    // Of several points first, since each waits for its place in the lattice.
+    for (std::size_t i = 0; i < some; ++i) {
+      const Vec3& at = u[rows == nullptr ? begin + i : rows[begin + i]];
+      CubicPoint& point = points[i];
+      point.outside = at[0] < 0;
+      point.first = 0;
+      if (point.outside) continue;
+      for (std::size_t a = 0; a < 3; ++a) point.first += weights_along(axes[a], at[a], point.weights[a]);
     }
-    double w[3][cubic_order];
-    std::size_t first = 0;
-    for (std::size_t a = 0; a < 3; ++a) first += weights_along(axes[a], at[a], w[a]);
-    for (std::size_t c = 0; c < columns; ++c) out[i * columns + c] = sum_at(axes, vectors[c][first].data(), w);
+    // Neighbours share control points, which stay near for one vector after the other.
+    for (std::size_t c = 0; c < columns; ++c) {
+      for (std::size_t i = 0; i < some; ++i) {
+        out[(begin + i) * columns + c] =
+            points[i].outside ? Vec3{} : sum_at(axes, vectors[c][points[i].first].data(), points[i].weights);
+      }
+    }
   }
 }
 
