@@ -21,6 +21,8 @@ class LatticeSums {
  public:
   explicit LatticeSums(const Lattice& lattice);
 
+  const Lattice& lattice() const { return lattice_; }
+
   /// out[i * vectors.size() + d] = sum_p vectors[d][p] phi_p(u[i]), where vectors[d] has one vector per control point; 0 where
   /// u[i][0] is negative: outside.
   void operator()(std::span<const Vec3> u, std::span<const Vec3* const> vectors, Vec3* out) const;

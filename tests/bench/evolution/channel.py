@@ -175,7 +175,7 @@ minimize: fitness
 optimizer: {{cma: {{sigma: 0.1, popsize: 15, CMA_mu: 2, CMA_active: false}}}}
 budget: {15 * generations}
 deformation: compiled
-place: {{threads: 15}}
+place: {{threads: {min(15, os.cpu_count() or 1)}}}
 """)
     return path
 

@@ -169,19 +169,19 @@ void check_lattice(const LatticeOptions& options, const Mesh& mesh) {
   check_control_points(options, *lattice, field + ".control_points");
 }
 
-LatticeRows::LatticeRows(const Lattice& lattice, LatticeCoordinates at) : lattice_(lattice), sums_(lattice), u_(std::move(at.u)) {
+LatticeRows::LatticeRows(const Lattice& lattice, LatticeCoordinates at) : sums_(lattice), u_(std::move(at.u)) {
   for (const std::uint32_t i : at.outside) u_[i][0] = -1;
 }
 
 LatticeFunctions::LatticeFunctions(const Lattice& lattice, const std::vector<Vec3>& control_points)
-    : lattice_(lattice), sums_(lattice), moved_(moved_lattice(lattice, control_points)) {}
+    : sums_(lattice), moved_(moved_lattice(lattice, control_points)) {}
 
 LatticeCoordinates LatticeFunctions::coordinates(std::span<const Vec3> points, const RunContext& context) const {
-  return moved_ ? moved_->coordinates(points, context) : coordinates_in(lattice_, points, context);
+  return moved_ ? moved_->coordinates(points, context) : coordinates_in(sums_.lattice(), points, context);
 }
 
 std::optional<Vec3> LatticeFunctions::inside(const Vec3& place, std::uint64_t number) const {
-  if (!moved_) return lattice_.inside(place);
+  if (!moved_) return sums_.lattice().inside(place);
   try {
     return moved_->coordinates(place);
   } catch (const Error& error) {
@@ -198,7 +198,8 @@ SpaceFunctions::Outside LatticeFunctions::rows(std::span<const Vec3> places, std
       outside.push_back(i);
       continue;
     }
-    lattice_.for_each(lattice_.weights(*u), [&](std::size_t p, double weight) { use(i, static_cast<std::int64_t>(p), weight); });
+    sums_.lattice().for_each(sums_.lattice().weights(*u),
+                             [&](std::size_t p, double weight) { use(i, static_cast<std::int64_t>(p), weight); });
   }
   return outside;
 }

@@ -40,8 +40,8 @@ class LatticeRows : public ControlFunctions {
   LatticeRows(const Lattice& lattice, LatticeCoordinates at);
 
   std::int64_t rows() const override { return static_cast<std::int64_t>(u_.size()); }
-  std::int64_t cols() const override { return static_cast<std::int64_t>(lattice_.size()); }
-  std::size_t count(std::int64_t row) const override { return is_outside(static_cast<std::size_t>(row)) ? 0 : lattice_.cover(); }
+  std::int64_t cols() const override { return static_cast<std::int64_t>(lattice().size()); }
+  std::size_t count(std::int64_t row) const override { return is_outside(static_cast<std::size_t>(row)) ? 0 : lattice().cover(); }
   void for_each(std::int64_t row, const std::function<void(std::int64_t, double)>& use) const override {
     visit(static_cast<std::size_t>(row), [&](std::size_t p, double weight) { use(static_cast<std::int64_t>(p), weight); });
   }
@@ -50,17 +50,16 @@ class LatticeRows : public ControlFunctions {
   }
   std::size_t bytes() const override { return u_.size() * sizeof(Vec3); }
 
-  const Lattice& lattice() const { return lattice_; }
+  const Lattice& lattice() const { return sums_.lattice(); }
   bool is_outside(std::size_t point) const { return u_[point][0] < 0; }
   const Vec3& coordinates(std::size_t point) const { return u_[point]; }
   /// Calls use(control point, value) as for_each() does, without an indirection.
   template <typename Use>
   void visit(std::size_t point, const Use& use) const {
-    if (!is_outside(point)) lattice_.for_each(lattice_.weights(u_[point]), use);
+    if (!is_outside(point)) lattice().for_each(lattice().weights(u_[point]), use);
   }
 
  private:
-  Lattice lattice_;
   LatticeSums sums_;
   std::vector<Vec3> u_;  ///< local coordinates of each point; the first one is negative outside
 };
@@ -83,7 +82,6 @@ class LatticeFunctions : public SpaceFunctions {
  private:
   std::optional<Vec3> inside(const Vec3& place, std::uint64_t number) const;
 
-  const Lattice lattice_;
   const LatticeSums sums_;
   const std::unique_ptr<const MovedLattice> moved_;  ///< null for a lattice at rest
 };
