@@ -135,6 +135,7 @@ class SeveralServers : public testing::Test {
   ClientOptions options() const {
     ClientOptions options;
     options.address.clear();
+    options.patience = std::chrono::milliseconds(0);  // else each of those that end with an error takes half a minute
     for (const auto& server : servers_) options.address += (options.address.empty() ? "" : ",") + server->service.address();
     return options;
   }
@@ -437,6 +438,7 @@ TEST_F(SeveralServers, ASessionGoesOnWhereAStreamBroke) {
 TEST_F(SeveralServers, OneAddressMayStandForSeveral) {
   ClientOptions options;
   options.address = servers_[0]->service.address();
+  options.patience = std::chrono::milliseconds(0);
   const auto forget = [&] {
     servers_[0]->geometries.clear();
     servers_[0]->systems.clear();
@@ -471,6 +473,7 @@ TEST_F(SeveralServers, OneAddressMayStandForSeveral) {
 TEST_F(SeveralServers, AProxyIsAskedAgainWhereItHasNothingToChooseBy) {
   ClientOptions options;
   options.address = servers_[0]->service.address();
+  options.patience = std::chrono::milliseconds(0);
   options.replicas = true;
   Client first(options);
   const std::string system = prepared(first, 1);

@@ -133,7 +133,7 @@ Arrays surface() {
 Arrays points_only() {
   Arrays arrays;
   arrays.name = "points only";
-  arrays.points = {{0.0, -0.0, 1.0 / 3}, {1e300, -1e-300, 4e-324}};
+  arrays.points = {{0.0, -0.0, 1.0 / 3}, {1e40, -1e-300, 4e-324}};
   return arrays;
 }
 
