@@ -51,6 +51,9 @@ struct ClientOptions {
   /// and says when to come back. Absent: 30 s once this client has had an answer, so that a restart of the server ends nothing,
   /// and 0 before, so that a wrong address is told at once. At most a week.
   std::optional<std::chrono::milliseconds> patience = std::nullopt;
+  /// Called with why before a call waits for a server that cannot be reached, by its thread, so several may at once. Must not
+  /// throw.
+  std::function<void(const Error&)> on_wait = {};
   int decode_threads = 0;  ///< 0 = all cores
   /// Of requests that name none (their tolerance then counts for it). ENCODING_DEFAULT: RAW_F64 when `address` is a unix socket
   /// or a loopback address (each of several), else DELTA_ZSTD.

@@ -108,6 +108,7 @@ void Route::failed(const Error& error, const RunContext& limits, Repeat repeat) 
     throw;
   }
   wait_ = *wait;
+  if (connection_.options.on_wait && error.code() == ErrorCode::unavailable) connection_.options.on_wait(error);
   const auto* none = dynamic_cast<const NotConnected*>(&error);
   connect_to_ = none != nullptr && none->silent() ? &server() : nullptr;
   if (partly || lost) begin_round();

@@ -4,6 +4,7 @@
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
 #include <algorithm>
+#include <atomic>
 #include <chrono>
 
 #include "client/cli/commands/mesh_reading.h"
@@ -16,8 +17,23 @@ namespace {
 
 constexpr double written_tolerance = 1e-9;  // of D: below the first cell of any boundary layer
 
+constexpr std::int64_t seconds_between_warnings = 30;
+
 double seconds_since(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
+
+/// Says once in a while what a call waits for.
+client::ClientOptions telling(client::ClientOptions options) {
+  const auto told = std::make_shared<std::atomic<std::int64_t>>(0);
+  options.on_wait = [told](const Error& error) {
+    const auto now =
+        std::chrono::duration_cast<std::chrono::seconds>(std::chrono::steady_clock::now().time_since_epoch()).count();
+    std::int64_t last = told->load();
+    if ((last != 0 && now - last < seconds_between_warnings) || !told->compare_exchange_strong(last, now)) return;
+    warn("waiting for a server that went away: " + std::string(error.what()));
+  };
+  return options;
 }
 
 client::ClientOptions with_patience(client::ClientOptions options, std::chrono::duration<double> patience) {
@@ -27,10 +43,10 @@ client::ClientOptions with_patience(client::ClientOptions options, std::chrono::
 
 }  // namespace
 
-Connection::Connection(const CommonOptions& common) : common_(common), client_(common.client_options()) {}
+Connection::Connection(const CommonOptions& common) : common_(common), client_(telling(common.client_options())) {}
 
 Connection::Connection(const CommonOptions& common, std::chrono::duration<double> patience)
-    : common_(common), client_(with_patience(common.client_options(), patience)) {}
+    : common_(common), client_(with_patience(telling(common.client_options()), patience)) {}
 
 client::CallOptions Connection::call() const {
   client::CallOptions options = common_.call_options();
