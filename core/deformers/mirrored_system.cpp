@@ -247,9 +247,11 @@ MirroredSystem::MirroredSystem(std::shared_ptr<const Mesh> mesh, const Setup& se
     : mesh_(std::move(mesh)),
       setup_(setup),
       regions_(validate(setup_, *mesh_)),
-      mirrored_(*mesh_, regions_.symmetry),
+      images_(std::make_shared<const MirroredMesh>(*mesh_, regions_.symmetry)),
+      mirrored_(*images_),
       constraints_(setup_, *mesh_, regions_, mirrored_) {
-  const Setup whole = whole_setup(setup_, *mesh_, regions_, mirrored_, constraints_);
+  Setup whole = whole_setup(setup_, *mesh_, regions_, mirrored_, constraints_);
+  whole.images = images_;
   whole_ = about_images(mesh_->point_count(), [&] { return make(mirrored_.mesh(), whole); });
   fill_info();
 }

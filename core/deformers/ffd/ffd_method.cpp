@@ -2,6 +2,7 @@
 #include "core/deformers/ffd/ffd_method.h"
 
 #include <algorithm>
+#include <limits>
 #include <string>
 #include <utility>
 
@@ -20,6 +21,15 @@ namespace deform {
 namespace {
 
 using ByEnergy = EnergyMethod<FfdOptions>;
+
+/// The standard deviation of the rounding errors of splines: of their arguments, which are counted in spans, and of their sums.
+/// Local coordinates in a moved lattice are found to a tolerance.
+double spline_rounding(const LatticeOptions& options, const Lattice& lattice) {
+  constexpr double epsilon = std::numeric_limits<double>::epsilon(), found = 1e-13, slope = 0.3;
+  double most = 0;
+  for (std::size_t k = 0; k < 3; ++k) most = std::max(most, static_cast<double>(lattice.axis(k).size()));
+  return (options.control_points.empty() ? 0.04 * epsilon : slope * found) * most;
+}
 
 const char* name_of(FfdControl control) { return control == FfdControl::mesh ? "MESH" : "CONTROLS"; }
 
@@ -104,6 +114,7 @@ std::shared_ptr<const System> FfdMethod::prepare(const FfdOptions& options, cons
                        std::move(made.notes),
                        options.clamp,
                        1,
+                       spline_rounding(options.lattice, made.lattice),
                        options.basis,
                        options.basis_tolerance,
                        "a larger method.ffd.clamp, fewer points of the lattice or control ENERGY"};

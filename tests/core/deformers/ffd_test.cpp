@@ -340,15 +340,18 @@ TEST(ClampedInverse, IsThePseudoInverse) {
       const Eigen::MatrixXd h = random_matrix(m, 3, 1), g = random_matrix(dense.Phi.cols(), 2, 2);
       for (const double clamp : {1e-2, 1e-4, 1e-6}) {
         SCOPED_TRACE(testing::Message() << columns << " " << static_cast<int>(basis) << " " << clamp);
-        const ClampedInverse inverse(*made.rows, held, clamp, {h, {}}, {});
-        const Eigen::MatrixXd expected = dense.solve(h, clamp), got = inverse.solve(h);
+        const SparseRows everywhere = Eigen::MatrixXd(dense.Phi).sparseView();
+        const ClampedInverse inverse(*made.rows, held, {clamp, {}, {{everywhere}, 1e-16}}, {});
+        const auto [got, parts] = inverse.solution(h);
+        const Eigen::MatrixXd expected = dense.solve(h, clamp), off = dense.Phi * (got - expected);
         const double size = expected.norm();
         EXPECT_LT((got - expected).norm(), 1e-8 * size);
         // What is said of the error covers it; both solutions have one.
         for (Eigen::Index c = 0; c < 3; ++c) {
-          const double missed = (h - dense.Phi * got).col(c).norm();
-          EXPECT_LT((got - expected).col(c).norm(), 2 * inverse.uncertainty(got.col(c).norm(), missed));
-          EXPECT_LT(inverse.uncertainty(got.col(c).norm(), missed), 1e-3 * size);
+          const HeldInverse::Sizes sizes{got.col(c).norm(), (h - dense.Phi * got).col(c).norm(), 0};
+          const double told = inverse.uncertainty(0, parts.col(c), sizes).maxCoeff();
+          EXPECT_LT(off.col(c).cwiseAbs().maxCoeff(), 2 * told);
+          EXPECT_LT(told, 1e-7 * h.norm());
         }
         const Eigen::MatrixXd back = inverse.adjoint(g);
         const double left = (got.leftCols(2).cwiseProduct(g)).sum(), right = (h.leftCols(2).cwiseProduct(back)).sum();
@@ -528,7 +531,7 @@ TEST(DampedInverse, IsTheDampedSolution) {
     const double largest = Eigen::JacobiSVD<Eigen::MatrixXd>(phi).singularValues()[0];
     for (const double damping : {1e-1, 1e-3, 1e-5}) {
       SCOPED_TRACE(testing::Message() << static_cast<int>(basis) << " " << damping);
-      const DampedInverse inverse(*made.rows, held, damping, {h, {}}, {});
+      const DampedInverse inverse(*made.rows, held, {damping, {}, {{Eigen::MatrixXd::Identity(k, k).sparseView()}, 0}}, {});
       Eigen::MatrixXd damped(m + k, k), right = Eigen::MatrixXd::Zero(m + k, 3);
       damped << phi, damping * largest * Eigen::MatrixXd::Identity(k, k);
       right.topRows(m) = h;
@@ -537,7 +540,8 @@ TEST(DampedInverse, IsTheDampedSolution) {
       EXPECT_LT((got - expected).cwiseAbs().maxCoeff(), 1e-9 * size);
       for (Eigen::Index c = 0; c < 3; ++c) {
         const double off = (got.col(c) - expected.col(c)).norm();
-        EXPECT_LT(off, inverse.uncertainty(expected.col(c).norm(), (phi * expected.col(c) - h.col(c)).norm()));
+        const HeldInverse::Sizes sizes{expected.col(c).norm(), (phi * expected.col(c) - h.col(c)).norm(), 0};
+        EXPECT_LT(off, inverse.uncertainty(0, {}, sizes).minCoeff());
       }
       // The adjoint is the transpose, and columns do not depend on others.
       const Eigen::MatrixXd back = inverse.adjoint(g);
@@ -548,9 +552,9 @@ TEST(DampedInverse, IsTheDampedSolution) {
       EXPECT_GE(bytes.resident, inverse.bytes());
       EXPECT_LE(bytes.resident, 2 * inverse.bytes());
     }
-    EXPECT_GE(DampedInverse(*made.rows, held, 0, {h, {}}, {}).damping(), 1e-5);
+    EXPECT_GE(DampedInverse(*made.rows, held, {0, {h, {}}, {}}, {}).damping(), 1e-5);
     test::expect_error(ErrorCode::invalid_argument, {"method.ffd.clamp", "1e-07", "1e-06"}, [&] {
-      DampedInverse(*made.rows, held, 1e-7, {h, {}}, {});
+      DampedInverse(*made.rows, held, {1e-7, {}, {}}, {});
     });
   }
 }
