@@ -6,9 +6,9 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdio>
 #include <cstdlib>
 #include <memory>
+#include <numeric>
 #include <random>
 #include <string>
 #include <utility>
@@ -18,7 +18,6 @@
 #include "core/deformers/system.h"
 #include "tests/core/deformers/dense_controls.h"
 #include "tests/core/deformers/half_cages.h"
-#include "tests/core/deformers/wide.h"
 
 namespace deform {
 namespace {
@@ -27,16 +26,47 @@ using test::dense_controls::Extended;
 using test::dense_controls::Functions;
 using test::dense_controls::Matrix;
 
-/// A part of a bumpy ellipsoid, cut in `planes` coordinate planes, with handles in it that move by affine maps; points on planes
-/// slide. And the whole of it, whose points are in another order.
+/// What a part is one image of: reflections in coordinate planes, or four turns about the first axis.
+struct Cut {
+  std::size_t planes = 0;
+  bool turns = false;
+
+  std::size_t count() const { return turns ? 4 : std::size_t{1} << planes; }
+  /// The image of a vector; exact.
+  Vec3 operator()(Vec3 x, std::size_t image) const {
+    for (std::size_t k = 0; k < 3 && !turns; ++k) {
+      if ((image >> k & 1u) != 0) x[k] = -x[k];
+    }
+    for (std::size_t g = 0; g < image && turns; ++g) x = {x[0], -x[2], x[1]};
+    return x;
+  }
+  Affine operator()(const Affine& map, std::size_t image) const {
+    const std::size_t back = turns ? (count() - image) % count() : image;
+    Affine result{};
+    for (std::size_t l = 0; l < 3; ++l) {
+      Vec3 unit{};
+      unit[l] = 1;
+      const Vec3 from = (*this)(unit, back);
+      const Vec3 to = (*this)(transformed(map, from) - transformed(map, Vec3{}), image);
+      for (std::size_t k = 0; k < 3; ++k) result[4 * k + l] = to[k];
+    }
+    const Vec3 shift = (*this)(Vec3{map[3], map[7], map[11]}, image);
+    for (std::size_t k = 0; k < 3; ++k) result[4 * k + 3] = shift[k];
+    return result;
+  }
+};
+
+/// A part of a bumpy body, with handles in it that move by affine maps; points on planes slide. And the whole of it, whose points
+/// are in another order.
 struct Parted {
-  std::size_t planes;
+  Cut cut;
   std::shared_ptr<const Mesh> part, whole;
   deform::Setup of_part, of_whole;
   Design design, whole_design;
   std::vector<std::vector<PointId>> images;  ///< of each image, the point of the whole for each of the part
 
-  Parted(std::size_t plane_count, std::size_t handles, std::size_t points, unsigned seed) : planes(plane_count) {
+  Parted(const Cut& of, std::size_t handles, std::size_t points, unsigned seed) : cut(of) {
+    const std::size_t planes = cut.planes;
     std::mt19937_64 random(seed);
     std::uniform_real_distribution<double> uniform(-1, 1);
     Mesh mesh;
@@ -51,18 +81,19 @@ struct Parted {
         x[k] = 0;
         mask |= 1u << k;
       }
+      if (cut.turns) x = {x[0], 0.1 + std::abs(x[1]), 0.1 + std::abs(x[2])};
       const double bump = 1 + 0.1 * std::cos(3 * x[0]) + 0.07 * std::cos(5 * x[1]) - 0.05 * std::cos(4 * x[2]);
       mesh.points.push_back({1.9 * bump * x[0], 1.1 * bump * x[1], 0.8 * bump * x[2]});
       on.push_back(mask);
     }
     std::vector<std::vector<PointId>> held(handles + 1);
-    std::vector<int> of(points, -1);
+    std::vector<bool> taken(points);
     for (std::size_t h = 0; h <= handles; ++h) {
       const Vec3 centre = mesh.points[random() % points];
       const double reach = 0.45 + 0.2 * uniform(random);
       for (std::size_t i = 0; i < points; ++i) {
-        if (of[i] >= 0 || distance(mesh.points[i], centre) > reach) continue;
-        of[i] = static_cast<int>(h);
+        if (taken[i] || distance(mesh.points[i], centre) > reach) continue;
+        taken[i] = true;
         held[h].push_back(static_cast<PointId>(i));
       }
     }
@@ -82,10 +113,16 @@ struct Parted {
     for (std::size_t k = 0; k < planes; ++k) {
       Vec3 normal{};
       normal[k] = 1;
-      of_part.symmetry.push_back({SymmetryPlane::Plane{{}, normal}});
+      of_part.symmetry.emplace_back(SymmetryPlane::Plane{{}, normal});
+    }
+    if (cut.turns) {
+      SectorOptions sector;
+      sector.axis = {1, 0, 0};
+      sector.count = cut.count();
+      of_part.symmetry = {{sector}};
     }
     // The whole.
-    const std::size_t count = std::size_t{1} << planes;
+    const std::size_t count = cut.count();
     std::vector<std::pair<std::size_t, std::size_t>> order;  // image, point
     for (std::size_t g = 0; g < count; ++g) {
       for (std::size_t i = 0; i < points; ++i) {
@@ -97,9 +134,10 @@ struct Parted {
     Mesh all;
     for (const auto& [g, i] : order) {
       for (std::size_t other = 0; other < count; ++other) {
-        if ((other & ~static_cast<std::size_t>(on[i])) == g) images[other][i] = static_cast<PointId>(all.points.size());
+        if ((cut.turns ? other : other & ~static_cast<std::size_t>(on[i])) == g)
+          images[other][i] = static_cast<PointId>(all.points.size());
       }
-      all.points.push_back(image(mesh.points[i], g));
+      all.points.push_back(cut(mesh.points[i], g));
     }
     Region::Ids fixed;
     for (std::size_t g = 0; g < count; ++g) {
@@ -111,7 +149,7 @@ struct Parted {
         if (h == 0) {
           fixed.ids.insert(fixed.ids.end(), own.begin(), own.end());
         } else if (!own.empty()) {
-          whole_design.motions.push_back({of_whole.handles.size(), reflected(maps[h - 1], g)});
+          whole_design.motions.push_back({of_whole.handles.size(), cut(maps[h - 1], g)});
           of_whole.handles.push_back({"h" + std::to_string(h) + "_" + std::to_string(g), {Region::Ids{own}}});
         }
       }
@@ -125,22 +163,6 @@ struct Parted {
     }
     part = std::make_shared<const Mesh>(std::move(mesh));
     whole = std::make_shared<const Mesh>(std::move(all));
-  }
-
-  static Vec3 image(Vec3 x, std::size_t g) {
-    for (std::size_t k = 0; k < 3; ++k) {
-      if ((g >> k & 1u) != 0) x[k] = -x[k];
-    }
-    return x;
-  }
-  static Affine reflected(Affine map, std::size_t g) {
-    for (std::size_t k = 0; k < 3; ++k) {
-      for (std::size_t l = 0; l < 4; ++l) {
-        const bool minus = ((g >> k & 1u) != 0) != (l < 3 && (g >> l & 1u) != 0);
-        if (minus) map[4 * k + l] = -map[4 * k + l];
-      }
-    }
-    return map;
   }
 };
 
@@ -214,66 +236,70 @@ FfdOptions lattice_across(double clamp, const std::array<std::size_t, 3>& points
   options.clamp = clamp;
   options.lattice.basis = basis;
   options.lattice.points = points;
-  options.lattice.frame = LatticeFrame{{-2.4, -1.4, -1.1}, {{{4.8, 0, 0}, {0, 2.8, 0}, {0, 0, 2.2}}}};
+  options.lattice.frame = LatticeFrame{{-2.4, -1.7, -1.7}, {{{4.8, 0, 0}, {0, 3.4, 0}, {0, 0, 3.4}}}};
   return options;
 }
 
 CageOptions cage_across(double clamp) {
-  CageOptions options = test::options_of(test::pyramids({-2.6, -1.6, -1.3}, {2.6, 1.6, 1.3}));
+  CageOptions options = test::options_of(test::pyramids({-2.6, -1.8, -1.8}, {2.6, 1.8, 1.8}));
   options.control = CageControl::mesh;
   options.clamp = clamp;
   return options;
 }
 
-struct Way {
-  std::string name;
-  MethodOptions method;
-};
-
-std::vector<Way> ways() {
-  std::vector<Way> result;
-  for (const double clamp : {0.0, 1e-3, 1e-6, 1e-9}) {
-    const std::string what = " " + std::to_string(clamp == 0 ? 0 : static_cast<int>(std::log10(clamp)));
-    result.push_back({"cubic" + what, lattice_across(clamp, {8, 6, 5}, LatticeBasis::uniform_cubic)});
-    result.push_back({"clamped" + what, lattice_across(clamp, {7, 7, 6}, LatticeBasis::clamped_cubic)});
-    result.push_back({"bernstein" + what, lattice_across(clamp, {6, 5, 5}, LatticeBasis::bernstein)});
-    result.push_back({"cage" + what, cage_across(clamp)});
-  }
-  return result;
+std::vector<MethodOptions> methods() {
+  return {lattice_across(0, {8, 6, 6}, LatticeBasis::uniform_cubic),
+          lattice_across(1e-6, {8, 6, 6}, LatticeBasis::uniform_cubic),
+          lattice_across(1e-9, {8, 6, 6}, LatticeBasis::uniform_cubic),
+          lattice_across(1e-3, {7, 7, 7}, LatticeBasis::clamped_cubic),
+          lattice_across(1e-9, {7, 7, 7}, LatticeBasis::clamped_cubic),
+          lattice_across(1e-6, {6, 5, 5}, LatticeBasis::bernstein),
+          cage_across(0),
+          cage_across(1e-6)};
 }
 
-TEST(DirectError, IsThatOfThePartAndOfTheWhole) {
-  for (const auto& [name, method] : ways()) {
-    std::unique_ptr<const Functions> functions;
-    if (const auto* ffd = std::get_if<FfdOptions>(&method)) {
-      functions = std::make_unique<const test::dense_controls::LatticeFunctions>(ffd->lattice);
-    } else {
-      functions = std::make_unique<const test::dense_controls::CageFunctions>(std::get<CageOptions>(method));
+std::unique_ptr<const Functions> functions_of(const MethodOptions& method) {
+  if (const auto* ffd = std::get_if<FfdOptions>(&method)) {
+    return std::make_unique<const test::dense_controls::LatticeFunctions>(ffd->lattice);
+  }
+  return std::make_unique<const test::dense_controls::CageFunctions>(std::get<CageOptions>(method));
+}
+
+class DirectError : public testing::TestWithParam<Cut> {};
+
+/// Not less than half of the true one, and not many times as large. It was up to 1e9 times as large, where a pair of singular
+/// values lies on both sides of the clamp: what rounding adds along functions that are odd where the model is even is not in the
+/// mean over the images.
+TEST_P(DirectError, IsThatOfThePartAndOfTheWhole) {
+  std::size_t number = 0;
+  for (const MethodOptions& method : methods()) {
+    const Cut& cut = GetParam();
+    Parted model(cut, 3 + 2 * cut.planes, 320 / cut.count(), static_cast<unsigned>(cut.planes));
+    model.of_part.method = model.of_whole.method = method;
+    const auto part = prepare(model.part, model.of_part), whole = prepare(model.whole, model.of_whole);
+    const std::size_t rank = rank_of(whole->info());
+    EXPECT_EQ(rank_of(part->info()), rank);
+    const Matrix truth = exact(*model.whole, model.of_whole, model.whole_design, *functions_of(method), rank);
+    std::vector<PointId> all(model.whole->point_count());
+    std::iota(all.begin(), all.end(), PointId{0});
+    for (const EvaluationPath path : {EvaluationPath::basis, EvaluationPath::direct}) {
+      const auto check = [&](const System& system, const Mesh& mesh, const Design& design, const std::vector<PointId>& rows,
+                             const char* what) {
+        const Compared true_error = compared(system.evaluate({&design, 1}, path)[0], mesh, truth, rows);
+        const double told = system.bind({&design, 1}, path, {})->report(0).error;
+        EXPECT_GE(told, 0.5 * true_error.off) << what << ", method " << number;
+        EXPECT_LE(told, 300 * true_error.off) << what << ", method " << number << ", of " << true_error.motion;
+      };
+      check(*part, *model.part, model.design, model.images[0], "part");
+      check(*whole, *model.whole, model.whole_design, all, "whole");
     }
-    for (const std::size_t planes : {1u, 2u, 3u}) {
-      Parted model(planes, 3 + 2 * planes, 320 >> planes, static_cast<unsigned>(planes));
-      model.of_part.method = model.of_whole.method = method;
-      const auto part = prepare(model.part, model.of_part), whole = prepare(model.whole, model.of_whole);
-      const std::size_t rank = rank_of(whole->info());
-      const Matrix truth = exact(*model.whole, model.of_whole, model.whole_design, *functions, rank);
-      std::vector<PointId> all;
-      for (PointId id = 0; id < model.whole->point_count(); ++id) all.push_back(id);
-      for (const EvaluationPath path : {EvaluationPath::basis, EvaluationPath::direct}) {
-        const auto got = part->bind({&model.design, 1}, path, {}), of_whole = whole->bind({&model.whole_design, 1}, path, {});
-        const Points points = part->evaluate({&model.design, 1}, path)[0];
-        const Points whole_points = whole->evaluate({&model.whole_design, 1}, path)[0];
-        const Compared half = compared(points, *model.part, truth, model.images[0]);
-        const Compared full = compared(whole_points, *model.whole, truth, all);
-        double apart = 0;
-        for (std::size_t i = 0; i < points.size(); ++i) apart = std::max(apart, distance(points[i], whole_points[model.images[0][i]]));
-        std::printf("%-12s %zu planes %-6s rank %3zu/%3zu apart %.1e | part: true %.1e told %.1e ratio %8.1f | whole: true %.1e told %.1e ratio %8.1f\n",
-                    name.c_str(), planes, path == EvaluationPath::basis ? "basis" : "direct", rank, rank_of(part->info()), apart / half.motion,
-                    half.off / half.motion, got->report(0).error / half.motion, got->report(0).error / half.off,
-                    full.off / full.motion, of_whole->report(0).error / full.motion, of_whole->report(0).error / full.off);
-      }
-    }
+    ++number;
   }
 }
+
+INSTANTIATE_TEST_SUITE_P(Parts, DirectError, testing::Values(Cut{1}, Cut{2}, Cut{3}, Cut{0, true}), [](const auto& of) {
+  return of.param.turns ? std::string("sector") : std::to_string(of.param.planes) + "_planes";
+});
 
 }  // namespace
 }  // namespace deform
