@@ -43,11 +43,11 @@ Estimate estimate_controls(const CageOptions& options, const Mesh& mesh, const S
   return estimate;
 }
 
-Estimate estimate_mesh(const CageOptions& options, const Mesh& mesh, const SelectedRegions& regions) {
+Estimate estimate_mesh(const CageOptions& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions) {
   const Cage cage = cage_of(options);
   std::size_t held = regions.fixed.size();
   for (const auto& handle : regions.handles) held += handle.size();
-  const DirectEstimate of{ClampedInverse::estimate(held, cage.size()),
+  const DirectEstimate of{ClampedInverse::estimate(held, cage.size(), checked_kinds(setup)),
                           held,
                           cage.size(),
                           CageRows::bytes_for(cage, held),
@@ -164,7 +164,7 @@ void CageMethod::validate(const CageOptions& options, const Setup& setup, const 
 Estimate CageMethod::estimate(const CageOptions& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions) {
   Estimate estimate;
   if (options.control == CageControl::mesh) {
-    estimate = estimate_mesh(options, mesh, regions);
+    estimate = estimate_mesh(options, mesh, setup, regions);
   } else if (options.coordinates == CageCoordinates::green) {
     estimate = estimate_green(options, mesh, setup, regions);
   } else {

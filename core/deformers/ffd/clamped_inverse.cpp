@@ -127,7 +127,7 @@ void ClampedInverse::look_at(const SparseRows& sums, const Eigen::MatrixXd& V) {
   result.of_misfit = squares.leftCols(rank) * inverse.cwiseAbs2();
   result.of_coefficients = squares.leftCols(rank) * inverse;
   result.outside = (functions.rowwise().squaredNorm() - squares.leftCols(rank).rowwise().sum()).cwiseMax(0);
-  result.near_squares = squares.rightCols(squares.cols() - beside_);
+  result.near_squares = squares.rightCols(squares.cols() - beside_).cast<float>();
   sums_.push_back(std::move(result));
 }
 
@@ -263,7 +263,8 @@ Eigen::VectorXd ClampedInverse::uncertainty(std::size_t kind, const Eigen::Vecto
   const double change = away_growth * away_growth * change_ * change_;
   const Eigen::ArrayXd squares = change * (sizes.misfit * sizes.misfit * sums.of_misfit +
                                            sizes.coefficients * sizes.coefficients * sums.of_coefficients + over * sums.outside) +
-                                 sizes.data * sizes.data * sums.of_coefficients + (sums.near_squares * turned).array();
+                                 sizes.data * sizes.data * sums.of_coefficients +
+                                 (sums.near_squares.cast<double>() * turned).array();
   return largest_of_many * squares.sqrt();
 }
 
@@ -276,7 +277,8 @@ std::size_t ClampedInverse::bytes() const {
   std::size_t sum = static_cast<std::size_t>(U_.size() + V_.size() + values_.size() + left_.size()) * sizeof(double) +
                     active_.size() * sizeof(std::int64_t) + groups_.size() * sizeof(Group);
   for (const Sums& sums : sums_) {
-    sum += sizeof(Sums) + static_cast<std::size_t>(3 * sums.outside.size() + sums.near_squares.size()) * sizeof(double);
+    sum += sizeof(Sums) + static_cast<std::size_t>(3 * sums.outside.size()) * sizeof(double) +
+           static_cast<std::size_t>(sums.near_squares.size()) * sizeof(float);
   }
   for (const Group& group : groups_) {
     sum += group.points.size() * sizeof(std::int64_t) + static_cast<std::size_t>(group.Q.size()) * sizeof(double);
@@ -297,12 +299,12 @@ struct GroupBytes {
     largest = std::max(largest, count * std::max(kept, std::size_t{1}) * sizeof(double));
     bytes.flops += count > kept ? 6.0 * static_cast<double>(count) * static_cast<double>(kept * kept) : 0;
   }
-  ClampedInverse::Bytes all(std::size_t functions) const {
+  ClampedInverse::Bytes all(std::size_t functions, std::size_t kinds) const {
     ClampedInverse::Bytes result = bytes;
     result.functions = functions;
     const std::size_t k = std::min(compressed, functions);
     result.resident += (compressed + functions + 1) * k * sizeof(double) + functions * sizeof(std::int64_t);
-    result.resident += HeldInverse::most_kinds * HeldInverse::most_checked * (k + 4) * sizeof(double);
+    result.resident += kinds * HeldInverse::most_checked * (k * sizeof(float) + 4 * sizeof(double));
     result.peak =
         thin_svd_bytes(compressed, functions) + 4 * largest + HeldInverse::most_checked * (functions + k) * sizeof(double);
     result.flops += 20.0 * static_cast<double>(std::max(compressed, functions)) * static_cast<double>(k * k);
@@ -312,19 +314,19 @@ struct GroupBytes {
 
 }  // namespace
 
-ClampedInverse::Bytes ClampedInverse::estimate(const FunctionRows& rows, const std::vector<PointId>& held) {
+ClampedInverse::Bytes ClampedInverse::estimate(const FunctionRows& rows, const std::vector<PointId>& held, std::size_t kinds) {
   const std::size_t functions = reached(rows, held).size();
   GroupBytes sum;
   for (const Group& group : groups_of(rows, held)) {
     sum.add(group.points.size(), static_cast<std::size_t>(group.rows), sizeof(Group));
   }
-  return sum.all(functions);
+  return sum.all(functions, kinds);
 }
 
-ClampedInverse::Bytes ClampedInverse::estimate(std::size_t held, std::size_t functions) {
+ClampedInverse::Bytes ClampedInverse::estimate(std::size_t held, std::size_t functions, std::size_t kinds) {
   GroupBytes sum;
   sum.add(held, std::min(held, functions), sizeof(Group));
-  return sum.all(functions);
+  return sum.all(functions, kinds);
 }
 
 }  // namespace deform

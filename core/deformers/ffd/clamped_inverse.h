@@ -38,10 +38,10 @@ class ClampedInverse : public HeldInverse {
   /// all held points, and what thin_svd() and the context throw.
   ClampedInverse(const FunctionRows& rows, const std::vector<PointId>& held, const Options& options, const RunContext& context);
 
-  /// Throws as the constructor does for too many functions.
-  static Bytes estimate(const FunctionRows& rows, const std::vector<PointId>& held);
+  /// With so many kinds of sums that are checked. Throws as the constructor does for too many functions.
+  static Bytes estimate(const FunctionRows& rows, const std::vector<PointId>& held, std::size_t kinds = 1);
   /// The same if every function is nonzero at every held point.
-  static Bytes estimate(std::size_t held, std::size_t functions);
+  static Bytes estimate(std::size_t held, std::size_t functions, std::size_t kinds = 1);
 
   /// The ratio of the largest to the smallest singular value in use.
   double condition() const override { return largest_ / values_[values_.size() - 1]; }
@@ -95,7 +95,7 @@ class ClampedInverse : public HeldInverse {
     Eigen::ArrayXd of_misfit;        ///< the squared norms of g_i / value_i^2 in use
     Eigen::ArrayXd of_coefficients;  ///< the squared norms of g_i / value_i in use
     Eigen::ArrayXd outside;          ///< the squared norms of what is not along those in use
-    Eigen::MatrixXd near_squares;    ///< places x (rank - beside_ + those of left_): g_i^2
+    Eigen::MatrixXf near_squares;    ///< places x (rank - beside_ + those of left_): g_i^2
   };
   std::vector<Sums> sums_;
   double change_ = 0;  ///< standard deviation of rounding errors of Phi in the bases of singular vectors

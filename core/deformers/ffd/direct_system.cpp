@@ -46,10 +46,9 @@ DirectSystem::DirectSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup,
   checked_ = checked_rows(*model_.rows, checked_points(), setup_.images.get());
   std::vector<SparseRows> kinds(checked_.kinds.size());
   kinds.swap(checked_.kinds);
-  const HeldInverse::Options options{
-      model_.clamp,
-      {typical_fields({*mesh_, setup_, points_.region_of, ids_, frames_, box_}), waves_at_held()},
-      {std::move(kinds), model_.rounding}};
+  const HeldInverse::Options options{model_.clamp,
+                                     {typical_fields({*mesh_, setup_, points_.region_of, ids_, frames_, box_}), waves_at_held()},
+                                     {std::move(kinds), model_.rounding}};
   if (reached_functions(*model_.rows, ids_).size() <= ClampedInverse::most_functions) {
     inverse_ = std::make_unique<const ClampedInverse>(*model_.rows, ids_, options, context);
   } else {
@@ -255,7 +254,7 @@ Estimate estimate_direct(const Mesh& mesh, const SelectedRegions& regions, const
   Estimate estimate;
   estimate.constraint_points = of.held;
   estimate.samples = k;
-  estimate.factor_bytes = of.inverse.resident + k * fields * sizeof(double);
+  estimate.factor_bytes = of.inverse.resident + 2 * k * fields * sizeof(double);
   const std::size_t basis_bytes = HandleBasis::bytes_for(n, fields, of.basis_tolerance);
   const bool basis = wants_basis(of.basis, basis_bytes, estimate.factor_bytes);
   estimate.basis_bytes = basis ? basis_bytes + fields * sizeof(double) : 0;

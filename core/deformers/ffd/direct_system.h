@@ -90,6 +90,9 @@ class DirectSystem : public HandleSystem {
   Eigen::MatrixXd parts_;   ///< s x 4H: HeldInverse::Solution::parts of these fields
 };
 
+/// The number of kinds of CheckedRows that a system has.
+inline std::size_t checked_kinds(const Setup& setup) { return setup.images ? HeldInverse::most_kinds : 1; }
+
 /// The input of estimate_direct().
 struct DirectEstimate {
   HeldInverse::Bytes inverse;

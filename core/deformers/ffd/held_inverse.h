@@ -23,7 +23,7 @@ class HeldInverse {
   /// which a lattice meets ever better.
   static constexpr double least_misfit = 1e-7;
   /// Places to check, at most.
-  static constexpr std::size_t most_checked = 128, most_kinds = 3;
+  static constexpr std::size_t most_checked = 64, most_kinds = 3;
 
   /// What an automatic choice is made for, as columns of values at the held points.
   struct Typical {
