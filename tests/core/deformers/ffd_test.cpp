@@ -364,6 +364,40 @@ TEST(ClampedInverse, IsThePseudoInverse) {
   }
 }
 
+/// A pair of singular values on both sides of the clamp, as close as even and odd functions have them: what a column has along
+/// their vectors is as uncertain as these, and what it has elsewhere, met or missed, is not.
+TEST(ClampedInverse, CountsAPairAtTheClampWhereItMatters) {
+  const Eigen::Index m = 12, k = 6;
+  const Eigen::MatrixXd Q = Eigen::HouseholderQR<Eigen::MatrixXd>(random_matrix(m, m, 3)).householderQ();
+  const Eigen::MatrixXd P = Eigen::HouseholderQR<Eigen::MatrixXd>(random_matrix(k, k, 4)).householderQ();
+  const double pair = 1e-3, gap = 1e-10;
+  Eigen::VectorXd values(k);
+  values << 1, 0.5, pair * (1 + gap), pair, 1e-5, 1e-6;
+  const Eigen::MatrixXd phi = Q.leftCols(k) * values.asDiagonal() * P.transpose(), sums = random_matrix(5, k, 5);
+  const SparseRows rows = phi.sparseView(0, 0), checked = sums.sparseView(0, 0);
+  std::vector<PointId> held(static_cast<std::size_t>(m));
+  for (std::size_t i = 0; i < held.size(); ++i) held[i] = static_cast<PointId>(i);
+  const ClampedInverse inverse(rows, held, {pair * (1 + 0.5 * gap), {}, {{checked}, 1e-16}}, {});
+  ASSERT_EQ(inverse.rank(), 3u);
+  Eigen::MatrixXd h(m, 3);
+  h.col(0) = Q.leftCols(k).rowwise().sum();
+  h.col(1) = Q.col(0) - 2 * Q.col(1);
+  h.col(2) = Q.col(0) + 100 * (Q.col(4) + Q.col(k) + Q.col(k + 1));
+  const auto [got, parts] = inverse.solution(h);
+  const Eigen::MatrixXd expected = P.leftCols(3) * values.head(3).cwiseInverse().asDiagonal() * (Q.leftCols(3).transpose() * h);
+  for (Eigen::Index c = 0; c < 3; ++c) {
+    const double off = (sums * (got - expected).col(c)).cwiseAbs().maxCoeff();
+    const double told = inverse.uncertainty(0, parts.col(c), {got.col(c).norm(), (phi * got - h).col(c).norm(), 0}).maxCoeff();
+    EXPECT_GE(told, 0.5 * off) << c;
+    if (c == 0) {
+      EXPECT_GT(off, 1e-5) << "the pair is too far apart for this test";
+      EXPECT_LT(told, 1e3 * off);
+    } else {
+      EXPECT_LT(told, c == 1 ? 1e-11 : 1e-6) << c;
+    }
+  }
+}
+
 TEST(FfdByMesh, MeetsWhatItCanWithTheLeastMotion) {
   // Few points, many functions (thesis 3.3: under-determined): handles are met.
   const auto mesh = shared(test::bumpy_sheet(15, 8));
