@@ -30,6 +30,7 @@ class MirroredMesh {
   MirroredMesh(const Mesh& half, const Symmetry& symmetry);
 
   const std::shared_ptr<const Mesh>& mesh() const { return mesh_; }
+  const Symmetry& symmetry() const { return symmetry_; }
   std::size_t images() const { return symmetry_.images(); }
   /// Points of the half model.
   std::size_t points() const { return on_.size(); }

@@ -247,9 +247,11 @@ MirroredSystem::MirroredSystem(std::shared_ptr<const Mesh> mesh, const Setup& se
     : mesh_(std::move(mesh)),
       setup_(setup),
       regions_(validate(setup_, *mesh_)),
-      mirrored_(*mesh_, regions_.symmetry),
+      images_(std::make_shared<const MirroredMesh>(*mesh_, regions_.symmetry)),
+      mirrored_(*images_),
       constraints_(setup_, *mesh_, regions_, mirrored_) {
-  const Setup whole = whole_setup(setup_, *mesh_, regions_, mirrored_, constraints_);
+  Setup whole = whole_setup(setup_, *mesh_, regions_, mirrored_, constraints_);
+  whole.images = images_;
   whole_ = about_images(mesh_->point_count(), [&] { return make(mirrored_.mesh(), whole); });
   fill_info();
 }
@@ -525,10 +527,14 @@ std::vector<std::vector<double>> MirroredSystem::vector_jacobians(std::span<cons
 }
 
 Estimate estimate_mirrored(const Mesh& mesh, const Setup& setup, const SelectedRegions& regions) {
-  const MirroredMesh mirrored(mesh, regions.symmetry);
+  const auto images = std::make_shared<const MirroredMesh>(mesh, regions.symmetry);
+  const MirroredMesh& mirrored = *images;
   const MirroredConstraints constraints(setup, mesh, regions, mirrored);
-  Estimate expected = about_images(
-      mesh.point_count(), [&] { return estimate(*mirrored.mesh(), whole_setup(setup, mesh, regions, mirrored, constraints)); });
+  Estimate expected = about_images(mesh.point_count(), [&] {
+    Setup whole = whole_setup(setup, mesh, regions, mirrored, constraints);
+    whole.images = images;
+    return estimate(*mirrored.mesh(), whole);
+  });
   expected.constraint_points = regions.fixed.size();
   for (const auto& handle : regions.handles) expected.constraint_points += handle.size();
   expected.resident_bytes += mirrored.bytes() + mirrored.mesh_bytes();

@@ -67,7 +67,8 @@ class MirroredSystem : public System {
   const std::shared_ptr<const Mesh> mesh_;
   const Setup setup_;
   const SelectedRegions regions_;
-  const MirroredMesh mirrored_;
+  const std::shared_ptr<const MirroredMesh> images_;
+  const MirroredMesh& mirrored_;  ///< the same
   const MirroredConstraints constraints_;
   std::shared_ptr<const System> whole_;
   SystemInfo info_;

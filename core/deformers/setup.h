@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <memory>
 #include <optional>
 #include <span>
 #include <string>
@@ -22,6 +23,8 @@
 #include "core/numerics/motion/variable_motion.h"
 
 namespace deform {
+
+class MirroredMesh;
 
 /// Limits of RbfOptions::tolerance and Design::tolerance.
 inline constexpr double least_tolerance = 1e-10, largest_tolerance = 1e-2;
@@ -295,6 +298,9 @@ struct Setup {
   std::vector<Constraint> constraints;    ///< for the energy methods only
   ConstraintOptions constraint_options;   ///< options of the solver for constraints
   std::vector<Stage> then{};              ///< methods that follow `method`, at most most_further_methods; not with constraints
+  /// For the whole of a model with symmetry, what it consists of: the mean over these images is delivered. MirroredSystem sets
+  /// it; it changes no result, only estimates of errors, and is not part of the canonical form.
+  std::shared_ptr<const MirroredMesh> images{};
 };
 
 /// The regions of a setup on one mesh.

@@ -13,7 +13,7 @@ import sys
 DEFORMERS_GROUND = ["core/base", "core/compiled", "core/numerics", "core/mesh", "core/mesh/operators", "core/quality", "core/constraints"]
 # What every room of the deformers speaks, whatever methods there are.
 DEFORMERS_TERMS = ["core/deformers/setup.h", "core/deformers/system.h", "core/deformers/space_map.h", "core/deformers/method.h",
-                   "core/deformers/option_checks.h"]
+                   "core/deformers/option_checks.h", "core/deformers/mirrored_mesh.h"]
 FLOORS = {
     "core/base": [],
     "core/base/commit": ["core/base"],
@@ -42,6 +42,7 @@ FLOORS = {
     "core/deformers/setup.h": DEFORMERS_GROUND + ["core/deformers/handles/symmetry.h"],
     "core/deformers/handles/symmetry.h": ["core/base", "core/mesh", "core/deformers/handles/sector.h"],
     "core/deformers/handles/sector.h": ["core/base", "core/mesh"],
+    "core/deformers/mirrored_mesh.h": ["core/base", "core/mesh", "core/deformers/handles/symmetry.h"],
     "core/deformers/system.h": DEFORMERS_GROUND + ["core/deformers/setup.h"],
     "core/deformers/space_map.h": DEFORMERS_GROUND + ["core/deformers/setup.h", "core/deformers/system.h"],
     "core/deformers/method.h": DEFORMERS_GROUND + ["core/deformers/setup.h", "core/deformers/system.h"],

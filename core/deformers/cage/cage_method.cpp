@@ -21,7 +21,8 @@ namespace deform {
 
 namespace {
 
-constexpr double row_growth = 4;  // coordinates may be negative, so that a row is longer than 1
+constexpr double row_growth = 4;          // coordinates may be negative, so that a row is longer than 1
+constexpr double row_rounding = 0x1p-53;  // standard deviation of the rounding errors of coordinates
 
 EnergyOptions basis_options(const CageOptions& options) {
   EnergyOptions result;
@@ -42,11 +43,11 @@ Estimate estimate_controls(const CageOptions& options, const Mesh& mesh, const S
   return estimate;
 }
 
-Estimate estimate_mesh(const CageOptions& options, const Mesh& mesh, const SelectedRegions& regions) {
+Estimate estimate_mesh(const CageOptions& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions) {
   const Cage cage = cage_of(options);
   std::size_t held = regions.fixed.size();
   for (const auto& handle : regions.handles) held += handle.size();
-  const DirectEstimate of{ClampedInverse::estimate(held, cage.size()),
+  const DirectEstimate of{ClampedInverse::estimate(held, cage.size(), checked_kinds(setup)),
                           held,
                           cage.size(),
                           CageRows::bytes_for(cage, held),
@@ -129,8 +130,15 @@ std::shared_ptr<const System> prepare_mesh(const CageOptions& options, const std
       if (region_of[i] != deformable_region) held.push_back(static_cast<PointId>(i));
     }
     const auto rows = std::make_shared<const CageRows>(cage_of(options), mesh, std::move(held), context);
-    DirectModel model{rows,       rows,          {size_note(rows->cage())}, options.clamp,
-                      row_growth, options.basis, options.basis_tolerance,   "a larger method.cage.clamp or a coarser cage"};
+    DirectModel model{rows,
+                      rows,
+                      {size_note(rows->cage())},
+                      options.clamp,
+                      row_growth,
+                      row_rounding,
+                      options.basis,
+                      options.basis_tolerance,
+                      "a larger method.cage.clamp or a coarser cage"};
     add_outside_note(rows->cage(), *mesh, context, model.notes);
     return model;
   };
@@ -156,7 +164,7 @@ void CageMethod::validate(const CageOptions& options, const Setup& setup, const 
 Estimate CageMethod::estimate(const CageOptions& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions) {
   Estimate estimate;
   if (options.control == CageControl::mesh) {
-    estimate = estimate_mesh(options, mesh, regions);
+    estimate = estimate_mesh(options, mesh, setup, regions);
   } else if (options.coordinates == CageCoordinates::green) {
     estimate = estimate_green(options, mesh, setup, regions);
   } else {

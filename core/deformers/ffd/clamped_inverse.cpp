@@ -20,7 +20,12 @@ namespace {
 constexpr double candidates_per_decade = 4, first_decade = 1, last_decade = 8;
 // Of the prescribed values: what keeping control points back may cost, and where the L-curve says nothing.
 constexpr double negligible_misfit = 1e-6, bearable_misfit = 3e-5;
-constexpr double rounding_growth = 8;  // of singular values, over epsilon times the largest one
+// The standard deviation of the entries of what the decomposition changes a matrix by, in the bases of its singular vectors, over
+// epsilon times its largest singular value: 0.002 to 0.004 for matrices of 200 to 900 columns.
+constexpr double decomposition_change = 0.004;
+constexpr double beside_gap = 2;     // times the smallest singular value in use, or divided by it
+constexpr double away_growth = 1.5;  // of what pairs of singular values that are farther apart change, over that of values apart
+constexpr double largest_of_many = 2;  // over the standard deviation
 
 std::vector<std::int64_t> reached(const FunctionRows& rows, const std::vector<PointId>& held) {
   std::vector<std::int64_t> result = reached_functions(rows, held);
@@ -50,7 +55,7 @@ std::vector<ClampedInverse::Group> ClampedInverse::groups_of(const FunctionRows&
   return groups;
 }
 
-ClampedInverse::ClampedInverse(const FunctionRows& rows, const std::vector<PointId>& held, double clamp, const Typical& typical,
+ClampedInverse::ClampedInverse(const FunctionRows& rows, const std::vector<PointId>& held, const Options& options,
                                const RunContext& context)
     : columns_(rows.cols()), held_(held.size()), groups_(groups_of(rows, held)), active_(reached(rows, held)) {
   if (active_.empty()) {
@@ -86,13 +91,44 @@ ClampedInverse::ClampedInverse(const FunctionRows& rows, const std::vector<Point
   context.check();
   const ThinSvd svd = thin_svd(std::move(M));
   largest_ = svd.values[0];
-  clamp_ = clamp > 0 ? clamp : strengthened(automatic_clamp(svd.U, svd.values, typical.fields), svd, typical);
+  clamp_ = options.clamp > 0 ? options.clamp
+                             : strengthened(automatic_clamp(svd.U, svd.values, options.typical.fields), svd, options.typical);
+  keep(svd);
+  change_ = std::hypot(decomposition_change * std::numeric_limits<double>::epsilon() * largest_, options.checked.rounding);
+  context.check();
+  for (const SparseRows& sums : options.checked.kinds) look_at(sums, svd.V);
+}
+
+void ClampedInverse::keep(const ThinSvd& svd) {
   Eigen::Index rank = 1;
   while (rank < svd.values.size() && svd.values[rank] > clamp_ * largest_) ++rank;
-  left_out_ = rank < svd.values.size() ? svd.values[rank] : 0;
-  U_ = svd.U.leftCols(rank);
+  const double smallest = svd.values[rank - 1];
+  Eigen::Index end = rank;
+  while (end < svd.values.size() && beside_gap * svd.values[end] > smallest) ++end;
+  while (svd.values[beside_] >= beside_gap * smallest) ++beside_;
+  U_ = svd.U.leftCols(end);
   V_ = svd.V.leftCols(rank);
   values_ = svd.values.head(rank);
+  left_ = svd.values.segment(rank, end - rank);
+}
+
+void ClampedInverse::look_at(const SparseRows& sums, const Eigen::MatrixXd& V) {
+  const Eigen::Index count = sums.rows(), rank = values_.size();
+  Eigen::MatrixXd functions = Eigen::MatrixXd::Zero(count, static_cast<Eigen::Index>(active_.size()));
+  for (Eigen::Index p = 0; p < count; ++p) {
+    for (SparseRows::InnerIterator it(sums, p); it; ++it) {
+      const auto at = std::lower_bound(active_.begin(), active_.end(), it.col());
+      if (at != active_.end() && *at == it.col()) functions(p, at - active_.begin()) = it.value();
+    }
+  }
+  const Eigen::MatrixXd squares = (functions * V.leftCols(rank + left_.size())).cwiseAbs2();
+  const Eigen::VectorXd inverse = values_.cwiseAbs2().cwiseInverse();
+  Sums result;
+  result.of_misfit = squares.leftCols(rank) * inverse.cwiseAbs2();
+  result.of_coefficients = squares.leftCols(rank) * inverse;
+  result.outside = (functions.rowwise().squaredNorm() - squares.leftCols(rank).rowwise().sum()).cwiseMax(0);
+  result.near_squares = squares.rightCols(squares.cols() - beside_).cast<float>();
+  sums_.push_back(std::move(result));
 }
 
 /// Least product of misfit and motion.
@@ -178,12 +214,12 @@ Eigen::MatrixXd ClampedInverse::at_points(const Eigen::MatrixXd& rows) const {
 }
 
 /// Column by column: products with several columns sum in another order, and a design must not depend on others.
-Eigen::MatrixXd ClampedInverse::solve(const Eigen::MatrixXd& h) const {
-  Eigen::MatrixXd result = Eigen::MatrixXd::Zero(columns_, h.cols());
+HeldInverse::Solution ClampedInverse::solution(const Eigen::MatrixXd& h) const {
+  Solution result{Eigen::MatrixXd::Zero(columns_, h.cols()), Eigen::MatrixXd(U_.cols(), h.cols())};
   for (Eigen::Index c = 0; c < h.cols(); ++c) {
-    const Eigen::VectorXd parts = (U_.transpose() * compressed(h.col(c)).col(0)).cwiseQuotient(values_);
-    const Eigen::VectorXd w = V_ * parts;
-    for (std::size_t i = 0; i < active_.size(); ++i) result(active_[i], c) = w[static_cast<Eigen::Index>(i)];
+    result.parts.col(c) = U_.transpose() * compressed(h.col(c)).col(0);
+    const Eigen::VectorXd w = V_ * result.parts.col(c).head(values_.size()).cwiseQuotient(values_);
+    for (std::size_t i = 0; i < active_.size(); ++i) result.coefficients(active_[i], c) = w[static_cast<Eigen::Index>(i)];
   }
   return result;
 }
@@ -193,7 +229,7 @@ Eigen::MatrixXd ClampedInverse::adjoint(const Eigen::MatrixXd& g) const {
   for (Eigen::Index c = 0; c < g.cols(); ++c) {
     Eigen::VectorXd some(static_cast<Eigen::Index>(active_.size()));
     for (std::size_t i = 0; i < active_.size(); ++i) some[static_cast<Eigen::Index>(i)] = g(active_[i], c);
-    const Eigen::VectorXd rows = U_ * (V_.transpose() * some).cwiseQuotient(values_);
+    const Eigen::VectorXd rows = U_.leftCols(values_.size()) * (V_.transpose() * some).cwiseQuotient(values_);
     for (const Group& group : groups_) {
       Eigen::VectorXd part = rows.segment(group.first, group.rows);
       if (group.Q.size() > 0) part = Eigen::VectorXd(group.Q * part);
@@ -205,12 +241,31 @@ Eigen::MatrixXd ClampedInverse::adjoint(const Eigen::MatrixXd& g) const {
   return result;
 }
 
-/// Rounding moves the singular vectors that are kept towards those left out, the more the closer their values are.
-double ClampedInverse::uncertainty(double size, double misfit) const {
-  const double change = rounding_growth * std::numeric_limits<double>::epsilon() * largest_;
-  const double smallest = values_[values_.size() - 1];
-  const double gap = std::max(smallest - left_out_, change);
-  return change * (size / gap + misfit / (smallest * gap));
+/// With errors E and E' in these bases, a pair of values a in use and b left out adds c_a (E + E' b / a) / (a^2 - b^2) along the
+/// vector of b, and c_b (E' + E b / a) / (a^2 - b^2) along that of a, where c are the parts of the column: the vectors turn in
+/// their plane. To second order they turn away from themselves, which is all that is left where means leave out what is along the
+/// others.
+Eigen::VectorXd ClampedInverse::uncertainty(std::size_t kind, const Eigen::VectorXd& parts, const Sizes& sizes) const {
+  const Sums& sums = sums_[kind];
+  const Eigen::Index rank = values_.size(), kept = rank - beside_;
+  Eigen::VectorXd turned = Eigen::VectorXd::Zero(kept + left_.size());
+  for (Eigen::Index j = 0; j < left_.size(); ++j) {
+    const double b = left_[j];
+    for (Eigen::Index i = 0; i < kept; ++i) {
+      const double a = values_[beside_ + i], apart = (a - b) * (a + b), turn = away_growth * change_ * std::hypot(a, b);
+      const double angle = turn < apart ? turn / apart : 1;
+      const double of_kept = parts[beside_ + i] / a, of_left = parts[rank + j] / a;
+      turned[kept + j] += angle * angle * (of_kept * of_kept + angle * angle * of_left * of_left);
+      turned[i] += angle * angle * (of_left * of_left + angle * angle * of_kept * of_kept);
+    }
+  }
+  const double over = parts.head(rank).cwiseQuotient(values_.cwiseAbs2()).squaredNorm();
+  const double change = away_growth * away_growth * change_ * change_;
+  const Eigen::ArrayXd squares = change * (sizes.misfit * sizes.misfit * sums.of_misfit +
+                                           sizes.coefficients * sizes.coefficients * sums.of_coefficients + over * sums.outside) +
+                                 sizes.data * sizes.data * sums.of_coefficients +
+                                 (sums.near_squares.cast<double>() * turned).array();
+  return largest_of_many * squares.sqrt();
 }
 
 std::string ClampedInverse::note() const {
@@ -219,8 +274,12 @@ std::string ClampedInverse::note() const {
 }
 
 std::size_t ClampedInverse::bytes() const {
-  std::size_t sum = static_cast<std::size_t>(U_.size() + V_.size() + values_.size()) * sizeof(double) +
+  std::size_t sum = static_cast<std::size_t>(U_.size() + V_.size() + values_.size() + left_.size()) * sizeof(double) +
                     active_.size() * sizeof(std::int64_t) + groups_.size() * sizeof(Group);
+  for (const Sums& sums : sums_) {
+    sum += sizeof(Sums) + static_cast<std::size_t>(3 * sums.outside.size()) * sizeof(double) +
+           static_cast<std::size_t>(sums.near_squares.size()) * sizeof(float);
+  }
   for (const Group& group : groups_) {
     sum += group.points.size() * sizeof(std::int64_t) + static_cast<std::size_t>(group.Q.size()) * sizeof(double);
   }
@@ -240,12 +299,14 @@ struct GroupBytes {
     largest = std::max(largest, count * std::max(kept, std::size_t{1}) * sizeof(double));
     bytes.flops += count > kept ? 6.0 * static_cast<double>(count) * static_cast<double>(kept * kept) : 0;
   }
-  ClampedInverse::Bytes all(std::size_t functions) const {
+  ClampedInverse::Bytes all(std::size_t functions, std::size_t kinds) const {
     ClampedInverse::Bytes result = bytes;
     result.functions = functions;
     const std::size_t k = std::min(compressed, functions);
     result.resident += (compressed + functions + 1) * k * sizeof(double) + functions * sizeof(std::int64_t);
-    result.peak = thin_svd_bytes(compressed, functions) + 4 * largest;
+    result.resident += kinds * HeldInverse::most_checked * (k * sizeof(float) + 4 * sizeof(double));
+    result.peak =
+        thin_svd_bytes(compressed, functions) + 4 * largest + HeldInverse::most_checked * (functions + k) * sizeof(double);
     result.flops += 20.0 * static_cast<double>(std::max(compressed, functions)) * static_cast<double>(k * k);
     return result;
   }
@@ -253,19 +314,19 @@ struct GroupBytes {
 
 }  // namespace
 
-ClampedInverse::Bytes ClampedInverse::estimate(const FunctionRows& rows, const std::vector<PointId>& held) {
+ClampedInverse::Bytes ClampedInverse::estimate(const FunctionRows& rows, const std::vector<PointId>& held, std::size_t kinds) {
   const std::size_t functions = reached(rows, held).size();
   GroupBytes sum;
   for (const Group& group : groups_of(rows, held)) {
     sum.add(group.points.size(), static_cast<std::size_t>(group.rows), sizeof(Group));
   }
-  return sum.all(functions);
+  return sum.all(functions, kinds);
 }
 
-ClampedInverse::Bytes ClampedInverse::estimate(std::size_t held, std::size_t functions) {
+ClampedInverse::Bytes ClampedInverse::estimate(std::size_t held, std::size_t functions, std::size_t kinds) {
   GroupBytes sum;
   sum.add(held, std::min(held, functions), sizeof(Group));
-  return sum.all(functions);
+  return sum.all(functions, kinds);
 }
 
 }  // namespace deform

@@ -73,12 +73,13 @@ std::size_t bytes_of(const SparseMatrix& matrix) {
 
 }  // namespace
 
-DampedInverse::DampedInverse(const FunctionRows& rows, const std::vector<PointId>& held, double damping, const Typical& typical,
+DampedInverse::DampedInverse(const FunctionRows& rows, const std::vector<PointId>& held, const Options& options,
                              const RunContext& context)
     : rows_(rows), held_(held), active_(damped_functions(rows, held)), place_(places_of(active_, rows.cols())) {
   if (active_.empty()) {
     throw Error(ErrorCode::numerical_failure, "no control point of the lattice reaches a handle or fixed point");
   }
+  const double damping = options.clamp;
   if (damping != 0 && damping < least_damping) {
     throw Error(ErrorCode::invalid_argument, "method.ffd.clamp: " + number_digits(damping) + " is less than " +
                                                  number_digits(least_damping) + ", with which " + std::to_string(active_.size()) +
@@ -95,10 +96,14 @@ DampedInverse::DampedInverse(const FunctionRows& rows, const std::vector<PointId
   if (damping != 0) {
     factor(damping, context);
   } else {
-    const double chosen = automatic(typical, context);
+    const double chosen = automatic(options.typical, context);
     if (chosen != damping_) factor(chosen, context);
   }
   gram_ = SparseMatrix();
+  for (const SparseRows& sums : options.checked.kinds) {
+    Eigen::VectorXd& growth = growth_.emplace_back(sums.rows());
+    for (Eigen::Index p = 0; p < sums.rows(); ++p) growth[p] = sums.row(p).norm();
+  }
 }
 
 void DampedInverse::factor(double damping, const RunContext& context) {
@@ -185,11 +190,11 @@ Eigen::VectorXd DampedInverse::refined(const Eigen::VectorXd& b) const {
   return x;
 }
 
-Eigen::MatrixXd DampedInverse::solve(const Eigen::MatrixXd& h) const {
-  Eigen::MatrixXd result = Eigen::MatrixXd::Zero(rows_.cols(), h.cols());
+HeldInverse::Solution DampedInverse::solution(const Eigen::MatrixXd& h) const {
+  Solution result{Eigen::MatrixXd::Zero(rows_.cols(), h.cols()), Eigen::MatrixXd(0, h.cols())};
   for (Eigen::Index c = 0; c < h.cols(); ++c) {
     const Eigen::VectorXd w = fitted(h.col(c));
-    for (std::size_t i = 0; i < active_.size(); ++i) result(active_[i], c) = w[static_cast<Eigen::Index>(i)];
+    for (std::size_t i = 0; i < active_.size(); ++i) result.coefficients(active_[i], c) = w[static_cast<Eigen::Index>(i)];
   }
   return result;
 }
@@ -205,10 +210,10 @@ Eigen::MatrixXd DampedInverse::adjoint(const Eigen::MatrixXd& g) const {
 }
 
 /// First-order perturbation of the damped least-squares problem.
-double DampedInverse::uncertainty(double size, double misfit) const {
+Eigen::VectorXd DampedInverse::uncertainty(std::size_t kind, const Eigen::VectorXd& /*parts*/, const Sizes& sizes) const {
   const double change = damped_growth * std::numeric_limits<double>::epsilon() * largest_;
   const double least = damping_ * largest_;
-  return change * (size / least + misfit / (least * least));
+  return change * (sizes.coefficients / least + sizes.misfit / (least * least)) * growth_[kind];
 }
 
 std::size_t DampedInverse::bytes() const {

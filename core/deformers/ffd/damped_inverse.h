@@ -27,19 +27,19 @@ class DampedInverse : public HeldInverse {
   /// The largest number of functions that are nonzero at held points. An estimate of the cost takes their sparse matrix.
   static constexpr std::size_t most_functions = 30000;
 
-  /// damping = 0 is automatic: among 1e-2, 1e-2.5 .. 1e-5 as ClampedInverse chooses its clamp. `rows` must outlive this object.
+  /// The clamp is the damping. The automatic one is chosen among 1e-2, 1e-2.5 .. 1e-5 as ClampedInverse chooses its clamp. `rows`
+  /// must outlive this object.
   /// Throws Error(invalid_argument) for a damping below least_damping and for more than most_functions functions,
   /// Error(numerical_failure) if all functions are zero at all held points, and what the context throws.
-  DampedInverse(const FunctionRows& rows, const std::vector<PointId>& held, double damping, const Typical& typical,
-                const RunContext& context);
+  DampedInverse(const FunctionRows& rows, const std::vector<PointId>& held, const Options& options, const RunContext& context);
 
   /// Throws as the constructor does for too many functions.
   static Bytes estimate(const FunctionRows& rows, const std::vector<PointId>& held);
 
   double damping() const { return damping_; }
-  Eigen::MatrixXd solve(const Eigen::MatrixXd& h) const override;
+  Solution solution(const Eigen::MatrixXd& h) const override;
   Eigen::MatrixXd adjoint(const Eigen::MatrixXd& g) const override;
-  double uncertainty(double size, double misfit) const override;
+  Eigen::VectorXd uncertainty(std::size_t kind, const Eigen::VectorXd& parts, const Sizes& sizes) const override;
   double condition() const override { return 1 / damping_; }
   std::size_t bytes() const override;
   std::string note() const override;
@@ -58,6 +58,7 @@ class DampedInverse : public HeldInverse {
   std::vector<std::int64_t> place_;  ///< of each function among the active ones, or -1
   SparseMatrix gram_;                ///< lower triangle of Phi^T Phi, active functions; empty once it is factored
   double largest_ = 0, damping_ = 0;
+  std::vector<Eigen::VectorXd> growth_;  ///< of each kind of checked sums the norms of their rows
   std::unique_ptr<const SparseCholesky> factor_;
 };
 

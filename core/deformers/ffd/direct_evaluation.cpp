@@ -33,23 +33,28 @@ DirectEvaluation::DirectEvaluation(std::shared_ptr<const DirectSystem> system, c
 void DirectEvaluation::solve(const RunContext& context) {
   for_each_direct(context, [&](std::size_t i) {
     const Eigen::MatrixXd h = system_.prescribed(designs_[i], kind_);
-    const Eigen::MatrixXd controls = system_.inverse_->solve(h);
+    const auto [controls, parts] = system_.inverse_->solution(h);
     const Eigen::MatrixXd missed = system_.misfit(h, controls);
     reports_[i].interpolation_residual = reports_[i].misfit = missed.rowwise().norm().maxCoeff();
-    Vec3 errors{};
-    for (std::size_t k = 0; k < 3; ++k) errors[k] = system_.error_of(controls, missed, static_cast<Eigen::Index>(k));
-    set_error(i, norm(errors));
+    set_error(i, system_.error_of({controls, missed, parts, largest_terms(i)}));
     controls_[i] = controls;
   });
 }
 
 void DirectEvaluation::report_controls() {
   for (std::size_t i = 0; i < designs_.size(); ++i) {
-    const DirectSystem::RowMajor controls = is_direct(i) ? controls_[i] : system_.affine_controls(designs_[i], kind_);
     DesignReport& report = reports_[i];
-    if (!is_direct(i)) {
-      const Eigen::MatrixXd missed = system_.missed_ * system_.affine_coefficients(designs_[i], kind_);
+    Eigen::MatrixXd controls;
+    if (is_direct(i)) {
+      controls = controls_[i];
+    } else {
+      // Those of the fields of each handle by themselves may be far larger: of a handle and its image that meet in a plane, say.
+      const Eigen::MatrixXd coefficients = system_.affine_coefficients(designs_[i], kind_);
+      controls = system_.controls_ * coefficients;
+      const Eigen::MatrixXd missed = system_.missed_ * coefficients, parts = system_.parts_ * coefficients;
       report.interpolation_residual = report.misfit = missed.rowwise().norm().maxCoeff();
+      // Coefficients are rounded alike for all points of a handle, which solutions do not multiply.
+      set_error(i, system_.error_of({controls, missed, parts, 0}) + compression_error(i));
     }
     report.control_displacement = controls.rowwise().norm().maxCoeff();
     if (report.control_displacement <= far * report.prescribed_displacement) continue;

@@ -4,14 +4,18 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
+#include <numeric>
 #include <string>
 #include <utility>
 
 #include "core/base/error.h"
 #include "core/base/parallel.h"
+#include "core/base/vectors.h"
 #include "core/deformers/ffd/damped_inverse.h"
 #include "core/deformers/ffd/direct_evaluation.h"
 #include "core/deformers/ffd/typical_fields.h"
+#include "core/numerics/interpolation/point_errors.h"
 
 namespace deform {
 
@@ -19,6 +23,9 @@ namespace {
 
 constexpr std::size_t tiles_per_task = 64;
 constexpr double decomposition_rate = 5e9;  // flops per second of a decomposition on one core
+constexpr double sum_rounding = 2;          // of the sum over the functions at a point, times epsilon
+constexpr double data_rounding = 0.1;       // of the sums that prescribed displacements are, over that of their largest terms
+constexpr double epsilon = std::numeric_limits<double>::epsilon();
 
 }  // namespace
 
@@ -36,17 +43,36 @@ DirectSystem::DirectSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup,
   end_stage("assemble");
   context.progress("factor", 0);
   const Eigen::MatrixXd fields = fields_at_held();
-  const HeldInverse::Typical typical{typical_fields({*mesh_, setup_, points_.region_of, ids_, frames_, box_}), waves_at_held()};
+  checked_ = checked_rows(*model_.rows, checked_points(), setup_.images.get());
+  std::vector<SparseRows> kinds(checked_.kinds.size());
+  kinds.swap(checked_.kinds);
+  const HeldInverse::Options options{model_.clamp,
+                                     {typical_fields({*mesh_, setup_, points_.region_of, ids_, frames_, box_}), waves_at_held()},
+                                     {std::move(kinds), model_.rounding}};
   if (reached_functions(*model_.rows, ids_).size() <= ClampedInverse::most_functions) {
-    inverse_ = std::make_unique<const ClampedInverse>(*model_.rows, ids_, model_.clamp, typical, context);
+    inverse_ = std::make_unique<const ClampedInverse>(*model_.rows, ids_, options, context);
   } else {
-    inverse_ = std::make_unique<const DampedInverse>(*model_.rows, ids_, model_.clamp, typical, context);
+    inverse_ = std::make_unique<const DampedInverse>(*model_.rows, ids_, options, context);
   }
-  controls_ = inverse_->solve(fields);
+  HeldInverse::Solution solution = inverse_->solution(fields);
+  controls_ = solution.coefficients;
+  parts_ = std::move(solution.parts);
   end_stage("factor");
   prepare_basis(memory_budget, context);
   end_stage("basis");
   fill_info();
+}
+
+std::vector<PointId> DirectSystem::checked_points() const {
+  // Of the model itself, without its images: all points follow.
+  std::vector<PointId> points(setup_.images ? setup_.images->points() : mesh_->point_count());
+  std::iota(points.begin(), points.end(), PointId{0});
+  std::vector<PointId> result;
+  for (const std::uint32_t i :
+       check_points(unit_places(*mesh_, box_, points), unit_places(*mesh_, box_, ids_), HeldInverse::most_checked)) {
+    result.push_back(points[i]);
+  }
+  return result;
 }
 
 Eigen::MatrixXd DirectSystem::fields_at_held() const {
@@ -102,10 +128,6 @@ Eigen::MatrixXd DirectSystem::affine_coefficients(const BoundDesign& design, Mot
   return coefficients;
 }
 
-DirectSystem::RowMajor DirectSystem::affine_controls(const BoundDesign& design, MotionKind kind) const {
-  return controls_ * affine_coefficients(design, kind);
-}
-
 Eigen::MatrixXd DirectSystem::misfit(const Eigen::MatrixXd& h, const Eigen::MatrixXd& controls) const {
   Eigen::MatrixXd result = h;
   for (std::size_t j = 0; j < ids_.size(); ++j) {
@@ -116,8 +138,35 @@ Eigen::MatrixXd DirectSystem::misfit(const Eigen::MatrixXd& h, const Eigen::Matr
   return result;
 }
 
-double DirectSystem::error_of(const Eigen::MatrixXd& controls, const Eigen::MatrixXd& missed, Eigen::Index c) const {
-  return model_.growth * inverse_->uncertainty(controls.col(c).norm(), missed.col(c).norm());
+HeldInverse::Sizes DirectSystem::sizes_of(const Solved& solved, Eigen::Index c) const {
+  return {solved.controls.col(c).norm(), solved.missed.col(c).norm(), data_rounding * epsilon * solved.largest_terms};
+}
+
+double DirectSystem::field_error(const Solved& solved, Eigen::Index c) const {
+  double largest = 0;
+  for (std::size_t kind = 0; kind < checked_.kinds.size(); ++kind) {
+    largest = std::max(largest, largest_magnitude(inverse_->uncertainty(kind, solved.parts.col(c), sizes_of(solved, c))));
+  }
+  return largest + sum_rounding * epsilon * model_.growth * solved.controls.col(c).cwiseAbs().maxCoeff();
+}
+
+double DirectSystem::error_of(const Solved& solved) const {
+  Eigen::Matrix3d frame;
+  for (std::size_t k = 0; k < 3; ++k) {
+    for (std::size_t l = 0; l < 3; ++l) frame(static_cast<Eigen::Index>(l), static_cast<Eigen::Index>(k)) = checked_.axes[k][l];
+  }
+  const Solved turned{solved.controls * frame, solved.missed * frame, solved.parts * frame, solved.largest_terms};
+  Eigen::MatrixXd errors(static_cast<Eigen::Index>(checked_.points), 3);
+  for (std::size_t k = 0; k < 3; ++k) {
+    auto error = errors.col(static_cast<Eigen::Index>(k));
+    error.setZero();
+    for (const CheckedRows::Term& term : checked_.terms[k]) {
+      const auto c = static_cast<Eigen::Index>(term.component);
+      error += inverse_->uncertainty(term.kind, turned.parts.col(c), sizes_of(turned, c));
+    }
+  }
+  const double sums = sum_rounding * epsilon * model_.growth * solved.controls.rowwise().norm().maxCoeff();
+  return largest_magnitude(errors.rowwise().norm()) + sums;
 }
 
 void DirectSystem::fill_tile(const RowMajor& controls, std::size_t tile, double* out) const {
@@ -147,11 +196,12 @@ void DirectSystem::prepare_basis(std::size_t memory_budget, const RunContext& co
   if (!wants_basis(model_.basis, bytes, inverse_->bytes())) return;
   const std::size_t making = HandleBasis::peak_bytes_for(following().size(), fields(), model_.basis_tolerance);
   if (memory_budget != 0 && model_.basis == BasisMode::automatic && inverse_->bytes() + making > memory_budget) return;
-  HandleBasis basis{{0, 1, 2}, FieldTiles(following().size(), fields()), {}};
+  HandleBasis basis{{0, 1, 2}, FieldTiles(following().size(), HandleSystem::fields()), {}};
   missed_ = misfit(fields_at_held(), controls_);
+  const Solved fields{controls_, missed_, parts_, 1};
   for (Eigen::Index f = 0; f < controls_.cols(); ++f) {
     basis.residuals.push_back(missed_.col(f).cwiseAbs().maxCoeff());
-    basis.more.push_back(error_of(controls_, missed_, f));
+    basis.more.push_back(field_error(fields, f));
   }
   parallel_for(context, tile_count(following().size()), tiles_per_task, [&](std::size_t begin, std::size_t end) {
     for (std::size_t t = begin; t < end; ++t) fill_tile(controls_, t, basis.tiles.tile(t));
@@ -163,7 +213,7 @@ void DirectSystem::fill_info() {
   info_.solver = Solver::automatic;  // the pseudo-inverse
   info_.samples = info_.functions = static_cast<std::size_t>(model_.rows->cols());
   info_.condition = inverse_->condition();
-  set_bytes(inverse_->bytes() + static_cast<std::size_t>(controls_.size() + missed_.size()) * sizeof(double),
+  set_bytes(inverse_->bytes() + static_cast<std::size_t>(controls_.size() + missed_.size() + parts_.size()) * sizeof(double),
             model_.rows->bytes() + ids_.size() * sizeof(PointId) + following().size() * sizeof(PointId));
   info_.notes = model_.notes;
   const Eigen::MatrixXd missed = has_basis() ? missed_ : misfit(fields_at_held(), controls_);
@@ -214,7 +264,7 @@ Estimate estimate_direct(const Mesh& mesh, const SelectedRegions& regions, const
   Estimate estimate;
   estimate.constraint_points = of.held;
   estimate.samples = k;
-  estimate.factor_bytes = of.inverse.resident + k * fields * sizeof(double);
+  estimate.factor_bytes = of.inverse.resident + 2 * k * fields * sizeof(double);
   const std::size_t basis_bytes = HandleBasis::bytes_for(n, fields, of.basis_tolerance);
   const bool basis = wants_basis(of.basis, basis_bytes, estimate.factor_bytes);
   estimate.basis_bytes = basis ? basis_bytes + fields * sizeof(double) : 0;

@@ -2,6 +2,7 @@
 #include "core/deformers/ffd/ffd_method.h"
 
 #include <algorithm>
+#include <limits>
 #include <string>
 #include <utility>
 
@@ -21,9 +22,18 @@ namespace {
 
 using ByEnergy = EnergyMethod<FfdOptions>;
 
+/// The standard deviation of the rounding errors of splines: of their arguments, which are counted in spans, and of their sums.
+/// Local coordinates in a moved lattice are found to a tolerance.
+double spline_rounding(const LatticeOptions& options, const Lattice& lattice) {
+  constexpr double epsilon = std::numeric_limits<double>::epsilon(), found = 1e-13, slope = 0.3;
+  double most = 0;
+  for (std::size_t k = 0; k < 3; ++k) most = std::max(most, static_cast<double>(lattice.axis(k).size()));
+  return (options.control_points.empty() ? 0.04 * epsilon : slope * found) * most;
+}
+
 const char* name_of(FfdControl control) { return control == FfdControl::mesh ? "MESH" : "CONTROLS"; }
 
-Estimate estimate_mesh(const FfdOptions& options, const Mesh& mesh, const SelectedRegions& regions) {
+Estimate estimate_mesh(const FfdOptions& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions) {
   const ConstraintPoints points = constraint_points(mesh, regions);
   std::vector<PointId> held;
   for (std::size_t i = 0; i < points.region_of.size(); ++i) {
@@ -31,12 +41,13 @@ Estimate estimate_mesh(const FfdOptions& options, const Mesh& mesh, const Select
   }
   const ModelLattice made = model_lattice(mesh, options.lattice, points.region_of, {});
   const bool large = reached_functions(*made.rows, held).size() > ClampedInverse::most_functions;
-  DirectEstimate of{large ? DampedInverse::estimate(*made.rows, held) : ClampedInverse::estimate(*made.rows, held),
-                    held.size(),
-                    static_cast<std::size_t>(made.rows->cols()),
-                    made.rows->bytes() + made.in_space->bytes(),
-                    options.basis,
-                    options.basis_tolerance};
+  DirectEstimate of{
+      large ? DampedInverse::estimate(*made.rows, held) : ClampedInverse::estimate(*made.rows, held, checked_kinds(setup)),
+      held.size(),
+      static_cast<std::size_t>(made.rows->cols()),
+      made.rows->bytes() + made.in_space->bytes(),
+      options.basis,
+      options.basis_tolerance};
   Estimate estimate = estimate_direct(mesh, regions, of);
   estimate.notes.insert(estimate.notes.begin(), made.notes.begin(), made.notes.end());
   estimate.advice = "use fewer points of the lattice, smaller handle and fixed regions, fewer handles or basis BASIS_NEVER";
@@ -86,7 +97,7 @@ Estimate FfdMethod::estimate(const FfdOptions& options, const Mesh& mesh, const 
     check_images(model.matches, setup, regions);
     return estimate_controls(mesh, model, options, regions);
   }
-  return estimate_mesh(options, mesh, regions);
+  return estimate_mesh(options, mesh, setup, regions);
 }
 
 std::shared_ptr<const System> FfdMethod::prepare(const FfdOptions& options, const std::shared_ptr<const Mesh>& mesh,
@@ -104,6 +115,7 @@ std::shared_ptr<const System> FfdMethod::prepare(const FfdOptions& options, cons
                        std::move(made.notes),
                        options.clamp,
                        1,
+                       spline_rounding(options.lattice, made.lattice),
                        options.basis,
                        options.basis_tolerance,
                        "a larger method.ffd.clamp, fewer points of the lattice or control ENERGY"};

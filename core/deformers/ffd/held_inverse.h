@@ -22,6 +22,8 @@ class HeldInverse {
   /// Of the prescribed values: a misfit below is none. Otherwise the weakest choice is made for affine motions of one handle,
   /// which a lattice meets ever better.
   static constexpr double least_misfit = 1e-7;
+  /// Places to check, at most.
+  static constexpr std::size_t most_checked = 64, most_kinds = 3;
 
   /// What an automatic choice is made for, as columns of values at the held points.
   struct Typical {
@@ -29,6 +31,28 @@ class HeldInverse {
     Eigen::MatrixXd fields;
     /// Waves of height 1 that a design may contain besides: control points are not to move far for these. May be empty.
     Eigen::MatrixXd waves;
+  };
+  /// Where the errors of solutions are estimated.
+  struct Checked {
+    /// Sums over the coefficients, places x functions, at most most_kinds for as many places, at most most_checked.
+    std::vector<SparseRows> kinds;
+    double rounding = 0;  ///< standard deviation of the rounding errors of values of the functions
+  };
+  struct Options {
+    double clamp = 0;  ///< 0: automatic
+    Typical typical;
+    Checked checked;
+  };
+  /// A solution, and what it and its error depend on: linear in the values at the held points, a column for each of theirs.
+  struct Solution {
+    Eigen::MatrixXd coefficients;  ///< k x c
+    Eigen::MatrixXd parts;         ///< s x c, along singular vectors; no rows where uncertainty() takes none
+  };
+  /// Of a column of a solution.
+  struct Sizes {
+    double coefficients = 0;  ///< their 2-norm
+    double misfit = 0;        ///< the 2-norm of what held points are missed by
+    double data = 0;          ///< standard deviation of the rounding errors of the values at the held points
   };
   /// Upper bounds of bytes() and of the additional memory of the constructor.
   struct Bytes {
@@ -38,12 +62,15 @@ class HeldInverse {
   };
 
   virtual ~HeldInverse() = default;
-  /// k x c from m x c. The result of a column does not depend on the others, bit for bit.
-  virtual Eigen::MatrixXd solve(const Eigen::MatrixXd& h) const = 0;
+  /// From m x c. The result of a column does not depend on the others, bit for bit.
+  virtual Solution solution(const Eigen::MatrixXd& h) const = 0;
+  /// Its coefficients.
+  Eigen::MatrixXd solve(const Eigen::MatrixXd& h) const { return solution(h).coefficients; }
   /// The transpose: m x c from k x c.
   virtual Eigen::MatrixXd adjoint(const Eigen::MatrixXd& g) const = 0;
-  /// Estimates the rounding error in the 2-norm of a column of the solution with norm `size` whose misfit has the norm `misfit`.
-  virtual double uncertainty(double size, double misfit) const = 0;
+  /// Estimates what rounding changes the sums of a kind over a column of a solution by, at each of the checked places. `parts`
+  /// are those of the column.
+  virtual Eigen::VectorXd uncertainty(std::size_t kind, const Eigen::VectorXd& parts, const Sizes& sizes) const = 0;
   /// Of the equations that are solved.
   virtual double condition() const = 0;
   virtual std::size_t bytes() const = 0;

@@ -114,9 +114,12 @@ void HandleEvaluation::choose_fields() {
 }
 
 void HandleEvaluation::set_error(std::size_t design, double error) {
-  const double coordinate = system_->largest_coordinate_;
-  const double rounded = coordinate + held_.largest_terms(designs_[design], coordinate);
+  const double rounded = system_->largest_coordinate_ + largest_terms(design);
   reports_[design].error = error + std::numeric_limits<double>::epsilon() * rounded;
+}
+
+double HandleEvaluation::largest_terms(std::size_t design) const {
+  return held_.largest_terms(designs_[design], system_->largest_coordinate_);
 }
 
 const double* HandleEvaluation::coefficients(std::size_t basis, std::size_t field, std::size_t design) const {

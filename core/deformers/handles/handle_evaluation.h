@@ -62,6 +62,8 @@ class HandleEvaluation : public Evaluation {
   /// Sets the error in the report of a design from that of its displacements, to which the rounding of the points and of what is
   /// prescribed is added.
   void set_error(std::size_t design, double error);
+  /// The largest term of the sums that the prescribed displacements of a design are, model units.
+  double largest_terms(std::size_t design) const;
   /// The displacement of a handle or fixed point, in the frame of the symmetry planes, if any.
   Vec3 prescribed_displacement(const BoundDesign& design, PointId id) const;
   /// Calls solve(design) for the designs on the direct path, in parallel but each separately: BLAS changes the order of summation

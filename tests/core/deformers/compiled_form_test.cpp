@@ -69,7 +69,12 @@ TEST_P(CompiledForms, AreTheSystem) {
     }
     const compiled::Report report = deformation.report(designs[i].variables);
     const DesignReport& expected = bound->report(i);
-    EXPECT_NEAR(report.error, expected.error, 1e-12 * expected.error);
+    if (expected.misfit > 0) {
+      EXPECT_GE(report.error, expected.error * (1 - 1e-12));  // a bound
+      EXPECT_LE(report.error, 100 * expected.error);
+    } else {
+      EXPECT_NEAR(report.error, expected.error, 1e-12 * expected.error);
+    }
     if (expected.misfit > 0) {
       EXPECT_GE(report.interpolation_residual, expected.interpolation_residual * (1 - 1e-12));  // a bound
     } else {

@@ -340,15 +340,18 @@ TEST(ClampedInverse, IsThePseudoInverse) {
       const Eigen::MatrixXd h = random_matrix(m, 3, 1), g = random_matrix(dense.Phi.cols(), 2, 2);
       for (const double clamp : {1e-2, 1e-4, 1e-6}) {
         SCOPED_TRACE(testing::Message() << columns << " " << static_cast<int>(basis) << " " << clamp);
-        const ClampedInverse inverse(*made.rows, held, clamp, {h, {}}, {});
-        const Eigen::MatrixXd expected = dense.solve(h, clamp), got = inverse.solve(h);
+        const SparseRows everywhere = Eigen::MatrixXd(dense.Phi).sparseView();
+        const ClampedInverse inverse(*made.rows, held, {clamp, {}, {{everywhere}, 1e-16}}, {});
+        const auto [got, parts] = inverse.solution(h);
+        const Eigen::MatrixXd expected = dense.solve(h, clamp), off = dense.Phi * (got - expected);
         const double size = expected.norm();
         EXPECT_LT((got - expected).norm(), 1e-8 * size);
         // What is said of the error covers it; both solutions have one.
         for (Eigen::Index c = 0; c < 3; ++c) {
-          const double missed = (h - dense.Phi * got).col(c).norm();
-          EXPECT_LT((got - expected).col(c).norm(), 2 * inverse.uncertainty(got.col(c).norm(), missed));
-          EXPECT_LT(inverse.uncertainty(got.col(c).norm(), missed), 1e-3 * size);
+          const HeldInverse::Sizes sizes{got.col(c).norm(), (h - dense.Phi * got).col(c).norm(), 0};
+          const double told = inverse.uncertainty(0, parts.col(c), sizes).maxCoeff();
+          EXPECT_LT(off.col(c).cwiseAbs().maxCoeff(), 2 * told);
+          EXPECT_LT(told, 1e-7 * h.norm());
         }
         const Eigen::MatrixXd back = inverse.adjoint(g);
         const double left = (got.leftCols(2).cwiseProduct(g)).sum(), right = (h.leftCols(2).cwiseProduct(back)).sum();
@@ -357,6 +360,40 @@ TEST(ClampedInverse, IsThePseudoInverse) {
         EXPECT_GE(bytes.resident, inverse.bytes());
         EXPECT_EQ(bytes.functions, inverse.functions());
       }
+    }
+  }
+}
+
+/// A pair of singular values on both sides of the clamp, as close as even and odd functions have them: what a column has along
+/// their vectors is as uncertain as these, and what it has elsewhere, met or missed, is not.
+TEST(ClampedInverse, CountsAPairAtTheClampWhereItMatters) {
+  const Eigen::Index m = 12, k = 6;
+  const Eigen::MatrixXd Q = Eigen::HouseholderQR<Eigen::MatrixXd>(random_matrix(m, m, 3)).householderQ();
+  const Eigen::MatrixXd P = Eigen::HouseholderQR<Eigen::MatrixXd>(random_matrix(k, k, 4)).householderQ();
+  const double pair = 1e-3, gap = 1e-10;
+  Eigen::VectorXd values(k);
+  values << 1, 0.5, pair * (1 + gap), pair, 1e-5, 1e-6;
+  const Eigen::MatrixXd phi = Q.leftCols(k) * values.asDiagonal() * P.transpose(), sums = random_matrix(5, k, 5);
+  const SparseRows rows = phi.sparseView(0, 0), checked = sums.sparseView(0, 0);
+  std::vector<PointId> held(static_cast<std::size_t>(m));
+  for (std::size_t i = 0; i < held.size(); ++i) held[i] = static_cast<PointId>(i);
+  const ClampedInverse inverse(rows, held, {pair * (1 + 0.5 * gap), {}, {{checked}, 1e-16}}, {});
+  ASSERT_EQ(inverse.rank(), 3u);
+  Eigen::MatrixXd h(m, 3);
+  h.col(0) = Q.leftCols(k).rowwise().sum();
+  h.col(1) = Q.col(0) - 2 * Q.col(1);
+  h.col(2) = Q.col(0) + 100 * (Q.col(4) + Q.col(k) + Q.col(k + 1));
+  const auto [got, parts] = inverse.solution(h);
+  const Eigen::MatrixXd expected = P.leftCols(3) * values.head(3).cwiseInverse().asDiagonal() * (Q.leftCols(3).transpose() * h);
+  for (Eigen::Index c = 0; c < 3; ++c) {
+    const double off = (sums * (got - expected).col(c)).cwiseAbs().maxCoeff();
+    const double told = inverse.uncertainty(0, parts.col(c), {got.col(c).norm(), (phi * got - h).col(c).norm(), 0}).maxCoeff();
+    EXPECT_GE(told, 0.5 * off) << c;
+    if (c == 0) {
+      EXPECT_GT(off, 1e-5) << "the pair is too far apart for this test";
+      EXPECT_LT(told, 1e3 * off);
+    } else {
+      EXPECT_LT(told, c == 1 ? 1e-11 : 1e-6) << c;
     }
   }
 }
@@ -528,7 +565,7 @@ TEST(DampedInverse, IsTheDampedSolution) {
     const double largest = Eigen::JacobiSVD<Eigen::MatrixXd>(phi).singularValues()[0];
     for (const double damping : {1e-1, 1e-3, 1e-5}) {
       SCOPED_TRACE(testing::Message() << static_cast<int>(basis) << " " << damping);
-      const DampedInverse inverse(*made.rows, held, damping, {h, {}}, {});
+      const DampedInverse inverse(*made.rows, held, {damping, {}, {{Eigen::MatrixXd::Identity(k, k).sparseView()}, 0}}, {});
       Eigen::MatrixXd damped(m + k, k), right = Eigen::MatrixXd::Zero(m + k, 3);
       damped << phi, damping * largest * Eigen::MatrixXd::Identity(k, k);
       right.topRows(m) = h;
@@ -537,7 +574,8 @@ TEST(DampedInverse, IsTheDampedSolution) {
       EXPECT_LT((got - expected).cwiseAbs().maxCoeff(), 1e-9 * size);
       for (Eigen::Index c = 0; c < 3; ++c) {
         const double off = (got.col(c) - expected.col(c)).norm();
-        EXPECT_LT(off, inverse.uncertainty(expected.col(c).norm(), (phi * expected.col(c) - h.col(c)).norm()));
+        const HeldInverse::Sizes sizes{expected.col(c).norm(), (phi * expected.col(c) - h.col(c)).norm(), 0};
+        EXPECT_LT(off, inverse.uncertainty(0, {}, sizes).minCoeff());
       }
       // The adjoint is the transpose, and columns do not depend on others.
       const Eigen::MatrixXd back = inverse.adjoint(g);
@@ -548,9 +586,9 @@ TEST(DampedInverse, IsTheDampedSolution) {
       EXPECT_GE(bytes.resident, inverse.bytes());
       EXPECT_LE(bytes.resident, 2 * inverse.bytes());
     }
-    EXPECT_GE(DampedInverse(*made.rows, held, 0, {h, {}}, {}).damping(), 1e-5);
+    EXPECT_GE(DampedInverse(*made.rows, held, {0, {h, {}}, {}}, {}).damping(), 1e-5);
     test::expect_error(ErrorCode::invalid_argument, {"method.ffd.clamp", "1e-07", "1e-06"}, [&] {
-      DampedInverse(*made.rows, held, 1e-7, {h, {}}, {});
+      DampedInverse(*made.rows, held, {1e-7, {}, {}}, {});
     });
   }
 }

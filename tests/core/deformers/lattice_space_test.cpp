@@ -150,7 +150,7 @@ TEST(LatticeSpace, ChangesAcrossThePlaneOfHeldPointsHaveASmallCost) {
 
 TEST(LatticeSpace, ValuesAreComputedAndReproduceCoordinates) {
   const Mesh mesh = test::bumpy_sheet(21, 11);
-  const double D = bounding_box(mesh.points).diagonal();
+  const Box box = bounding_box(mesh.points);
   const EnergyModel model = model_of(mesh, options_of(LatticeBasis::uniform_cubic, 0, 1));
   EXPECT_EQ(model.space.values.nonZeros(), 0);
   // A place in the lattice for each point, the lattice once, and no weights.
@@ -173,7 +173,9 @@ TEST(LatticeSpace, ValuesAreComputedAndReproduceCoordinates) {
     EXPECT_EQ(count, 64u);
     EXPECT_EQ(model.space.functions().count(static_cast<std::int64_t>(i)), 64u);
     EXPECT_NEAR(sum[0], 1, 1e-14);
-    for (std::size_t k = 0; k < 3; ++k) EXPECT_NEAR(sum[static_cast<Eigen::Index>(k) + 1], mesh.points[i][k] / D, 1e-14);
+    for (std::size_t k = 0; k < 3; ++k) {
+      EXPECT_NEAR(sum[static_cast<Eigen::Index>(k) + 1], (mesh.points[i][k] - box.min[k]) / box.diagonal(), 1e-14);
+    }
   }
 }
 

@@ -37,14 +37,15 @@ bool same(const SparseRows& a, const SparseRows& b) {
 }
 
 void expect_positions(const Mesh& mesh, const EnergySpace& space, double tolerance) {
-  const double diagonal = bounding_box(mesh.points).diagonal();
+  const Box box = bounding_box(mesh.points);
   const Eigen::MatrixXd found = space.values * Eigen::MatrixXd(space.linear);
   double worst = 0, worst_sum = 0;
   for (std::size_t i = 0; i < mesh.points.size(); ++i) {
     const auto row = static_cast<Eigen::Index>(i);
     worst_sum = std::max(worst_sum, std::abs(found(row, 0) - 1));
     for (std::size_t k = 0; k < 3; ++k) {
-      worst = std::max(worst, std::abs(found(row, static_cast<Eigen::Index>(k) + 1) - mesh.points[i][k] / diagonal));
+      worst = std::max(
+          worst, std::abs(found(row, static_cast<Eigen::Index>(k) + 1) - (mesh.points[i][k] - box.min[k]) / box.diagonal()));
     }
   }
   EXPECT_LT(worst_sum, 1e-11);

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The same model in other units, and with points that are off by a rounding: every choice that a method makes (centres, samples,
-// supports, functions that handles touch, singular values that count) must come out the same, so that results differ by rounding
-// only. Powers of two do not show this, since they change no digit.
+// The same model in other units, in other places, and with points that are off by a rounding: every choice that a method makes
+// (centres, samples, supports, functions that handles touch, singular values that count) must come out the same, so that results
+// differ by rounding only. Powers of two do not show this, since they change no digit; shifts that change no digit of a
+// difference change nothing.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -122,10 +123,18 @@ Model sheet() {
 
 std::vector<Model> models() { return {scroll(48, 16), scroll(36, 12), bar(), block(), sheet()}; }
 
-/// The model in a unit of 1 / `unit`, with normally distributed noise of this fraction of D.
+/// The model in a unit of 1 / `unit`, with normally distributed noise of this fraction of D, then shifted by so many D.
 struct Variant {
   double unit = 1, noise = 0;
   unsigned seed = 0;
+  Vec3 shift{};
+};
+
+/// Where a variant has the places of the model, but for noise.
+struct Placed {
+  double unit = 1;
+  Vec3 shift{};  ///< in its unit
+  Vec3 operator()(const Vec3& x) const { return unit * x + shift; }
 };
 
 struct Moved {
@@ -133,24 +142,26 @@ struct Moved {
   double largest = 0, error = 0;
 };
 
-/// Options for a model in a unit.
-using MakeMethod = std::function<MethodOptions(const Model& model, double unit)>;
+/// Options for a model in a unit and place.
+using MakeMethod = std::function<MethodOptions(const Model& model, const Placed& placed)>;
 
 Moved moved(const Model& model, const MakeMethod& method, const Variant& variant) {
   Mesh mesh = model.mesh;
   std::mt19937_64 random(variant.seed);
-  std::normal_distribution<double> normal(0, variant.noise * bounding_box(mesh.points).diagonal());
+  const double diagonal = bounding_box(mesh.points).diagonal();
+  const Placed placed{variant.unit, variant.unit * diagonal * variant.shift};
+  std::normal_distribution<double> normal(0, variant.noise * diagonal);
   for (Vec3& x : mesh.points) {
     if (variant.noise > 0) x = x + Vec3{normal(random), normal(random), normal(random)};
-    x = variant.unit * x;
+    x = placed(x);
   }
   const auto shared_mesh = std::make_shared<const Mesh>(std::move(mesh));
   Setup setup;
-  setup.method = method(model, variant.unit);
+  setup.method = method(model, placed);
   setup.handles = {{"turned", {Region::Ids{model.turned}}}, {"grown", {Region::Ids{model.grown}}}};
   setup.fixed = {{Region::Ids{model.fixed}}};
   const double c = std::cos(0.14), s = std::sin(0.14);
-  const Vec3 about = variant.unit * model.axis_at, from = variant.unit * model.centre;
+  const Vec3 about = placed(model.axis_at), from = placed(model.centre);
   const Affine turn{c, -s, 0, about[0] - c * about[0] + s * about[1] + 0.03 * variant.unit,
                     s, c,  0, about[1] - s * about[0] - c * about[1],
                     0, 0,  1, 0};
@@ -171,13 +182,15 @@ struct Case {
   std::string name;
   MakeMethod method;
   bool (*takes)(const Model&) = [](const Model&) { return true; };
+  /// Lattices and cages have places of their own, which are rounded where they are.
+  enum class Placement { of_mesh, rounded } placed = Placement::of_mesh;
 };
 
 void PrintTo(const Case& value, std::ostream* out) { *out << value.name; }
 
 template <typename Options>
 Case same(std::string name, Options options, bool (*takes)(const Model&) = Case().takes) {
-  return {std::move(name), [options](const Model&, double) { return MethodOptions(options); }, takes};
+  return {std::move(name), [options](const Model&, const Placed&) { return MethodOptions(options); }, takes};
 }
 
 Case lattice(std::string name, FfdControl control, LatticeBasis basis, std::array<std::size_t, 3> points = {}) {
@@ -185,7 +198,9 @@ Case lattice(std::string name, FfdControl control, LatticeBasis basis, std::arra
   options.control = control;
   options.lattice.basis = basis;
   options.lattice.points = points;
-  return same(std::move(name), options);
+  Case result = same(std::move(name), options);
+  result.placed = Case::Placement::rounded;
+  return result;
 }
 
 Case kernel(std::string name, Kernel kernel, Solver solver = Solver::automatic) {
@@ -205,17 +220,20 @@ Case subspace(std::string name, std::optional<Kernel> kernel, std::size_t centre
 std::vector<Case> cases() {
   MlsOptions few, around;
   few.surface_samples = 200;
+  MlsOptions many;
+  many.surface_samples = 1500;
+  many.volume_samples = 1000;
   around.surface_samples = 200;
   around.volume_samples = 150;
   ShellOptions soft_shell;
   soft_shell.handles = HandleMode::soft;
   const auto without_cells = [](const Model& model) { return model.mesh.elements == nullptr; };
   const auto in_space = [](const Model& model) { return model.name != "sheet"; };
-  const auto cage = [](const Model& model, double unit) {
+  const auto cage = [](const Model& model, const Placed& placed) {
     const Box box = bounding_box(model.mesh.points);
     const double wide = 0.1 * box.diagonal();
     CageMesh mesh = pyramids(box.min - Vec3{wide, wide, wide}, box.max + Vec3{wide, wide, wide});
-    for (Vec3& x : mesh.vertices) x = unit * x;
+    for (Vec3& x : mesh.vertices) x = placed(x);
     CageOptions options = options_of(mesh);
     options.control = CageControl::mesh;
     return MethodOptions(options);
@@ -237,6 +255,7 @@ std::vector<Case> cases() {
           same("mls", MlsOptions()),
           same("mls_few", few),
           same("mls_around", around, in_space),
+          same("mls_many", many, in_space),
           lattice("ffd", FfdControl::energy, LatticeBasis::uniform_cubic),
           lattice("ffd_odd", FfdControl::energy, LatticeBasis::uniform_cubic, {8, 9, 7}),
           lattice("ffd_clamped", FfdControl::energy, LatticeBasis::clamped_cubic),
@@ -244,7 +263,7 @@ std::vector<Case> cases() {
           lattice("ffd_mesh", FfdControl::mesh, LatticeBasis::uniform_cubic),
           lattice("ffd_mesh_coarse", FfdControl::mesh, LatticeBasis::uniform_cubic, {5, 5, 5}),
           lattice("ffd_mesh_bernstein", FfdControl::mesh, LatticeBasis::bernstein),
-          {"cage", cage}};
+          {"cage", cage, Case().takes, Case::Placement::rounded}};
 }
 
 class Units : public testing::TestWithParam<Case> {};
@@ -254,13 +273,47 @@ TEST_P(Units, change_nothing_but_rounding) {
     if (!GetParam().takes(model)) continue;
     const auto run = [&](const Variant& variant) { return moved(model, GetParam().method, variant); };
     const Moved given = run({});
-    for (const Variant& variant : {Variant{1000}, Variant{0.001}, Variant{1, 1e-15, 1}, Variant{1, 1e-15, 2}}) {
+    for (const Variant& variant :
+         {Variant{1000}, Variant{0.001}, Variant{1, 1e-15, 1}, Variant{1, 1e-15, 2}, Variant{1, 0, 0, {100, -37.31, 61.73}}}) {
       const Moved other = run(variant);
       double off = 0;
       for (std::size_t i = 0; i < given.by.size(); ++i) off = std::max(off, norm(other.by[i] - given.by[i]));
       // Where conditions and tolerances multiply rounding, each result tells how wrong it may be.
       EXPECT_LE(off, std::max(1e-9 * given.largest, given.error + other.error))
-          << model.name << ", unit " << variant.unit << ", noise " << variant.noise << ", of " << given.largest;
+          << model.name << ", unit " << variant.unit << ", noise " << variant.noise << ", shift " << variant.shift[0] << ", of "
+          << given.largest;
+    }
+  }
+}
+
+/// The rates of all points at which handles are shifted, of the model with coordinates of few digits, so that a shift leaves them
+/// all. Positions are rounded where they are; rates are not.
+std::vector<Vec3> rates(Model model, const MakeMethod& method, const Vec3& shift) {
+  constexpr double digits = 0x1p20;
+  for (Vec3& x : model.mesh.points)
+    x = Vec3{std::round(digits * x[0]), std::round(digits * x[1]), std::round(digits * x[2])} / digits;
+  Setup setup;
+  setup.method = method(model, {1, shift});
+  for (Vec3& x : model.mesh.points) x = x + shift;
+  setup.handles = {{"turned", {Region::Ids{model.turned}}}, {"grown", {Region::Ids{model.grown}}}};
+  setup.fixed = {{Region::Ids{model.fixed}}};
+  setup.variables = {{"one", "turned", DesignVariable::Translate{{1, 0.5, -0.25}}},
+                     {"other", "grown", DesignVariable::Translate{{-0.5, 0.25, 1}}}};
+  const std::vector<double> at{0, 0}, along{1, 0.75};
+  return prepare(std::make_shared<const Mesh>(std::move(model.mesh)), setup)->jacobian_vector(at, along, {});
+}
+
+TEST_P(Units, shifts_without_rounding_change_nothing) {
+  for (const Model& model : models()) {
+    if (!GetParam().takes(model)) continue;
+    const std::vector<Vec3> given = rates(model, GetParam().method, {}),
+                            shifted = rates(model, GetParam().method, {64, -128, 32});
+    double off = 0;
+    for (std::size_t i = 0; i < given.size(); ++i) off = std::max(off, norm(shifted[i] - given[i]));
+    if (GetParam().placed == Case::Placement::rounded) {
+      EXPECT_LE(off, 1e-8) << model.name;
+    } else {
+      EXPECT_EQ(off, 0) << model.name;
     }
   }
 }

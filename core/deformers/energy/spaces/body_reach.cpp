@@ -21,6 +21,7 @@ constexpr double known_ways = 1.5;   // radii
 constexpr double allowance = 1, detour = 1.1;  // spacings, and times the length
 constexpr double least_outside = 1e-6;         // of the diagonal: cracks between faces that touch
 constexpr std::size_t looked_at = 12, starts = 4;
+constexpr double alike = 1e-9;  // squared distances that differ by less count as equal: two points are as far from their mean
 constexpr std::size_t links_of_sample = 40, ways_of_sample = 300;  // more than there are on average
 constexpr double no_way = std::numeric_limits<double>::infinity();
 
@@ -43,7 +44,8 @@ BodyReach::BodyReach(const Mesh& mesh, std::span<const Vec3> points, const std::
 }
 
 /// Samples lie on faces, so that a segment between them may run along these, and rounding would decide whether it is outside: the
-/// dense point in the body nearest to the mean of those of a sample takes its place. A few samples are the nearest of none.
+/// dense point in the body nearest to the mean of those of a sample takes its place, the first of two that are as near. A few
+/// samples are the nearest of none.
 void BodyReach::place_anchors(const DensePoints& dense, const RunContext& context) {
   anchors_ = samples_;
   const std::span<const Vec3> inside = std::span(dense.points).subspan(dense.surface);
@@ -57,7 +59,7 @@ void BodyReach::place_anchors(const DensePoints& dense, const RunContext& contex
   for (std::size_t i = 0; i < owner.size(); ++i) {
     const std::uint32_t j = owner[i];
     const double square = squared_distance(inside[i], means[j] / counts[j]);
-    if (square >= nearest[j]) continue;
+    if (square >= (1 - alike) * nearest[j]) continue;
     nearest[j] = square;
     anchors_[j] = inside[i];
   }

@@ -24,7 +24,7 @@ struct EnergySpace {
   std::shared_ptr<const SpaceFunctions> in_space;
   std::string only_on_mesh;
   SparseMatrix energy;  ///< K, k x k, lower triangle: gamma_s G^T G + gamma_b L^T L, positive semidefinite
-  SparseMatrix linear;  ///< k x 4: the w that reproduce 1, x, y, z (unit coordinates, no shift), or k x 0 if the space does not
+  SparseMatrix linear;  ///< k x 4: the w that reproduce 1, x, y, z (coordinates of unit_box()), or k x 0 if the space does not
   std::vector<std::string> notes;
   std::size_t samples = 0, cubature_points = 0;
 

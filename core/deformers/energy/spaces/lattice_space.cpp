@@ -184,7 +184,8 @@ EnergyModel lattice_model(const Mesh& mesh, const FfdOptions& options, const std
   }
   space.energy = lattice_energy(lattice, grams, energy_terms(A, S, options.bending), context);
   std::vector<Vec3> control = lattice.control_points();
-  for (Vec3& c : control) c = c / diagonal;
+  const UnitBox unit = unit_box(mesh);
+  for (Vec3& c : control) c = unit.to_unit(c);
   space.linear = linear_coefficients(control);
   space.samples = lattice.size();
   context.progress("assemble", 1);

@@ -266,8 +266,7 @@ EnergySpace mls_space(const Mesh& mesh, const MlsOptions& options, std::uint64_t
   space.cubature_points = cubature.points.size();
   context.progress("basis", 0);
   space.values = basis.values(points, context);
-  space.in_space =
-      std::make_shared<const MlsFunctions>(samples.points, radius, basis_options, bounding_box(mesh.points).diagonal());
+  space.in_space = std::make_shared<const MlsFunctions>(samples.points, radius, basis_options, unit_box(mesh));
   context.progress("assemble", 0);
   const RowBlocks rows = energy_rows(MlsBasis(samples.points, radius, along_surface), cubature,
                                      weights_at(mesh, points, cubature.points, options, context), context);

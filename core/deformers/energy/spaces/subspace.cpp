@@ -155,13 +155,13 @@ EnergySpace shell_subspace(const Mesh& mesh, const SubspaceOptions& options, std
       const double shape = properties(*options.kernel).local_shape * radius;
       space.values = kernel_rows({*options.kernel, shape}, radius, centres, points, context);
       space.in_space =
-          std::make_shared<const LocalKernelFunctions>(RadialKernel{*options.kernel, shape}, radius, centres, diagonal,
+          std::make_shared<const LocalKernelFunctions>(RadialKernel{*options.kernel, shape}, radius, centres, unit_box(mesh),
                                                        adds_linear(options) ? std::optional(mean_of(points)) : std::nullopt);
     } else {
       MlsBasis::Options basis;
       basis.cover = cover;
       space.values = MlsBasis(centres, radius, basis).values(points, context);
-      space.in_space = std::make_shared<const MlsFunctions>(centres, radius, basis, diagonal);
+      space.in_space = std::make_shared<const MlsFunctions>(centres, radius, basis, unit_box(mesh));
       space.linear = linear_coefficients(centres);
     }
     context.progress("assemble", 0);

@@ -5,11 +5,17 @@
 
 namespace deform {
 
-std::vector<Vec3> unit_points(const Mesh& mesh) {
-  const double diagonal = bounding_box(mesh.points).diagonal();
+UnitBox unit_box(const Mesh& mesh) {
+  const Box bounds = bounding_box(mesh.points);
+  const double diagonal = bounds.diagonal();
   if (!(diagonal > 0)) throw Error(ErrorCode::invalid_argument, "mesh: all points coincide, so it has no extent to deform");
+  return {bounds.min, diagonal};
+}
+
+std::vector<Vec3> unit_points(const Mesh& mesh) {
+  const UnitBox box = unit_box(mesh);
   std::vector<Vec3> points(mesh.points);
-  for (Vec3& x : points) x = {x[0] / diagonal, x[1] / diagonal, x[2] / diagonal};
+  for (Vec3& x : points) x = box.to_unit(x);
   return points;
 }
 
