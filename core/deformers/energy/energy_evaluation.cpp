@@ -226,9 +226,9 @@ SpaceMap::Told EnergyEvaluation::displacements_at(std::span<const Vec3> points, 
       std::fill_n(values, 3 * tile_size, 0.0);
       if (system_.correction_) system_.correction_->add_values(tiled.tile(t), solution.field.correction.data(), 3, values);
       if (system_.exact_) system_.exact_->add_values(tiled.tile(t), solution.exact, values);
-      if (system_.layers_) system_.layers_->add_values(tiled.tile(t), solution.layers, values);
       for (std::size_t i = t * tile_size; i < std::min((t + 1) * tile_size, some.size()); ++i) {
         for (std::size_t k = 0; k < 3; ++k) out[begin + i][k] = values[k * tile_size + i % tile_size];
+        if (system_.layers_) out[begin + i] = out[begin + i] + system_.layers_->carried_at(places[i], solution.layers);
       }
     }
     const auto outside =

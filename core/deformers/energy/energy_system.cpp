@@ -144,7 +144,7 @@ void EnergySystem::prepare_constraints(ConstraintSets constraints, const RunCont
   std::iota(each.begin(), each.end(), std::size_t{0});
   linear_error_ = solve(shifted_handles(each), context).errors[0];
   prepare_steps(context);
-  if (!correction_ && !exact_ && !layers_) return;
+  if (!correction_ && !exact_) return;
   std::vector<Vec3> places;
   for (const ConstraintSet& set : constrained_->sets()) places.insert(places.end(), set.rest.begin(), set.rest.end());
   set_places_ = TiledPoints(places);
@@ -153,21 +153,21 @@ void EnergySystem::prepare_constraints(ConstraintSets constraints, const RunCont
 /// Those that follow the solution of a design.
 void EnergySystem::prepare_steps(const RunContext& context) {
   const std::vector<ConstraintSet>& sets = constrained_->sets();
-  std::vector<char> follow(mesh_->point_count()), keeps(mesh_->point_count());
-  for (const PointId id : following()) follow[id] = 1;
+  std::vector<char> keeps(mesh_->point_count());
   bool exact = false;
   for (std::size_t t = 0; t < sets.size(); ++t) {
     if (!setup_.constraints[constraint_of_[t]].exact) continue;
     exact = true;
     for (const PointId id : sets[t].ids) keeps[id] = 1;
   }
-  const bool layers = !LayerStep::carried_points(sets, follow).empty();
-  if (!exact && !layers) return;
+  const bool columns = std::any_of(sets.begin(), sets.end(), [](const ConstraintSet& set) { return set.column != nullptr; });
+  if (columns) layers_ = std::make_unique<const LayerStep>(LayerStep::Input{*mesh_, box_, following(), sets, keeps}, context);
+  if (layers_ && layers_->empty()) layers_ = nullptr;
+  if (!exact) return;
   if (!correction_) following_places_ = TiledPoints(unit_places(*mesh_, box_, following()));
   const DeformationBefore before{
       held(), box_, model_.held, following(), following_places_, model_.space.functions(), correction_.get(), hard_handles()};
-  if (exact) exact_ = std::make_unique<const ExactStep>(before, sets, constraint_of_, context);
-  if (layers) layers_ = std::make_unique<const LayerStep>(before, sets, keeps, context);
+  exact_ = std::make_unique<const ExactStep>(before, sets, constraint_of_, context);
 }
 
 /// They are computed from the same field as the points that are delivered, in the same order of sums as those from which
@@ -192,7 +192,6 @@ std::vector<Vec3> EnergySystem::set_points(const Solution& solution, const Bound
       std::fill(values.begin(), values.end(), 0.0);
       if (correction_) correction_->add_values(tile, solution.field.correction.data(), 3, values.data());
       if (exact_) exact_->add_values(tile, solution.exact, values.data());
-      if (layers_) layers_->add_values(tile, solution.layers, values.data());
     }
     if (positions) points[i] = box_.to_unit(mesh_->points[set_ids[i]]);
     for (std::size_t k = 0; k < 3; ++k) {
@@ -214,7 +213,11 @@ std::vector<Vec3> EnergySystem::set_points(const Solution& solution, const Bound
       points[i] = positions ? solution.exact.placed.points[in_exact] : in_unit(solution.exact.values[in_exact]);
     }
     const std::size_t in_layers = solution.layers.values.empty() ? 0 : find(layers_->ids(), id);
-    if (in_layers < solution.layers.values.size()) points[i] = in_unit(solution.layers.values[in_layers]);
+    if (in_layers < solution.layers.values.size()) {
+      points[i] = in_unit(solution.layers.values[in_layers]);
+    } else if (const std::size_t slot = layers_ ? layers_->slot(id) : following().size(); slot < following().size()) {
+      points[i] = points[i] + layers_->carried(slot, solution.layers) / box_.scale;
+    }
   }
   return points;
 }
@@ -391,7 +394,6 @@ void EnergySystem::fill_tile(const Solution& solution, std::size_t tile, double*
     correction_->add_values(following_places_.tile(tile), solution.field.correction.data(), columns, out);
   }
   if (exact_) exact_->add_values(following_places_.tile(tile), solution.exact, out);
-  if (layers_) layers_->add_values(following_places_.tile(tile), solution.layers, out);
   const FunctionRows functions = model_.space.functions();
   const std::size_t end = std::min((tile + 1) * tile_size, following().size());
   for (std::size_t s = tile * tile_size; s < end; ++s) {
@@ -399,6 +401,9 @@ void EnergySystem::fill_tile(const Solution& solution, std::size_t tile, double*
       const double* w = solution.field.w.data() + static_cast<std::size_t>(column) * columns;
       for (std::size_t c = 0; c < columns; ++c) out[c * tile_size + s % tile_size] += value * w[c];
     });
+    if (solution.layers.moved.empty()) continue;
+    const Vec3 carried = layers_->carried(s, solution.layers);
+    for (std::size_t c = 0; c < 3; ++c) out[c * tile_size + s % tile_size] += carried[c];
   }
 }
 

@@ -111,14 +111,14 @@ class EnergySystem : public HandleSystem {
   std::unique_ptr<const ResidualCorrection> correction_;  ///< null for the shell and soft handles
   std::unique_ptr<const ConstrainedSolver> constrained_;  ///< null without constraints
   std::vector<std::size_t> constraint_of_;                ///< constraint of each set
-  TiledPoints set_places_;                                ///< points of the sets; only with a correction or steps
+  TiledPoints set_places_;                                ///< points of the sets; only with a correction or exact constraints
   std::unique_ptr<const ExactStep> exact_;                ///< null without exact constraints
   std::unique_ptr<const LayerStep> layers_;               ///< null without columns of cells that the step would move
   std::vector<std::size_t> checked_;                      ///< held points at which misfits are measured; none of the shell
   std::vector<std::uint32_t> samples_;                    ///< following points at which errors are measured
   double missed_ = 0;             ///< with a correction: largest misfit of the functions where handles shift, over the shift
   double linear_error_ = 0;       ///< with constraints: error of the linear solves but for misfits, relative to the motion
-  TiledPoints following_places_;  ///< unit coordinates; only with a correction or steps
+  TiledPoints following_places_;  ///< unit coordinates; only with a correction or exact constraints
 };
 
 }  // namespace deform

@@ -4,9 +4,7 @@
 #include <Eigen/Geometry>
 #include <Eigen/LU>
 #include <algorithm>
-#include <atomic>
 #include <cmath>
-#include <map>
 #include <utility>
 
 #include "core/base/parallel.h"
@@ -18,11 +16,9 @@ namespace deform {
 
 namespace {
 
-constexpr std::size_t faces_per_task = 64;
-constexpr double least_slope = 0.3;      // of an edge: its height over its length, below which it has no height to keep
-constexpr double no_rotation = 1e-12;    // second singular value of a face over the first: a line
-constexpr double farthest = 3;           // of points around, over those of the columns
-constexpr double farthest_more = 1e-12;  // of the model: rounding
+constexpr std::size_t faces_per_task = 64, points_per_task = 1024;
+constexpr double least_slope = 0.3;    // of an edge: its height over its length, below which it has no height to keep
+constexpr double no_rotation = 1e-12;  // second singular value of a face over the first: a line
 
 /// e = a s / (s . m), or the mean of the turned edges where it leans too much.
 struct Direction {
@@ -46,51 +42,89 @@ struct Direction {
 
 }  // namespace
 
-/// The corners of columns that follow.
-std::vector<PointId> LayerStep::carried_points(const std::vector<ConstraintSet>& sets, const std::vector<char>& following) {
-  std::vector<PointId> result;
-  for (const ConstraintSet& set : sets) {
+LayerStep::LayerStep(const Input& input, const RunContext& context)
+    : following_(input.following), scale_(input.box.scale), origin_(input.box.origin) {
+  for (const ConstraintSet& set : input.sets) {
     if (!set.column) continue;
+    set_points_ += set.ids.size();
     for (std::size_t level = 0; level <= set.column->layers(); ++level) {
-      for (std::size_t c = 0; c < set.column->sides(); ++c) {
-        const PointId id = set.ids[set.column->corner(level, c)];
-        if (following[id]) result.push_back(id);
-      }
+      for (std::size_t c = 0; c < set.column->sides(); ++c) ids_.push_back(set.ids[set.column->corner(level, c)]);
     }
   }
-  std::sort(result.begin(), result.end());
-  result.erase(std::unique(result.begin(), result.end()), result.end());
-  return result;
-}
-
-LayerStep::LayerStep(const DeformationBefore& before, const std::vector<ConstraintSet>& sets, const std::vector<char>& keeps,
-                     const RunContext& context)
-    : before_(before) {
-  const Mesh& mesh = before_.held.mesh;
-  ids_ = carried_points(sets, std::vector<char>(mesh.point_count(), 1));
-  std::vector<char> following(mesh.point_count());
-  for (const PointId id : before_.following) following[id] = 1;
-  for (std::uint32_t u = 0; u < ids_.size(); ++u) {
-    follows_.push_back(following[ids_[u]]);
-    if (following[ids_[u]]) moving_.push_back(u);
+  std::sort(ids_.begin(), ids_.end());
+  ids_.erase(std::unique(ids_.begin(), ids_.end()), ids_.end());
+  for (const PointId id : ids_) {
+    const std::size_t at = slot(id);
+    slots_.push_back(at < following_.size() ? static_cast<std::uint32_t>(at) : none);
   }
-  add_faces(sets, mesh, before_.box);
-  std::erase_if(edges_, [&](const Edge& edge) { return !follows(edge.point) || keeps[ids_[edge.point]]; });
-  const std::vector<PointId> moving = carried_points(sets, following);
-  CarrierPlaces from = carrier_places(
-      {mesh, before_.box, before_.held.region_of, moving, before_.held_ids, before_.following.size(), ExactSteps::joins});
-  carrier_ = std::make_unique<const ResidualCorrection>(from.places, std::move(from.centres), ResidualCorrection::Kind::gentle,
-                                                        from.bound, context);
-  carried_from_ = from.places.size();
+  add_columns(input);
+  if (empty()) return;
+  // The height of a line of edges, at all of its points.
+  std::vector<double> height(ids_.size(), 0.0);
+  for (const Edge& edge : edges_) height[edge.point] = height[edge.below] + edge.rest.norm();
+  for (auto edge = edges_.rbegin(); edge != edges_.rend(); ++edge) {
+    height[edge->below] = std::max(height[edge->below], height[edge->point]);
+  }
+  for (const double h : height) reach_.push_back(carried_heights * h);
+  at_rest_ = std::make_unique<const PointTree>(unit_places(input.mesh, input.box, ids_));
+  carries_.resize(following_.size());
+  parallel_for(context, following_.size(), points_per_task, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t s = begin; s < end; ++s) carries_[s] = carry_at(input.box.to_unit(input.mesh.points[following_[s]]));
+  });
+  add_nodes(input);
+  for (const std::uint32_t s : slots_) {
+    if (s != none) carries_[s] = {};
+  }
 }
 
-void LayerStep::add_faces(const std::vector<ConstraintSet>& sets, const Mesh& mesh, const UnitBox& box) {
-  constexpr std::uint32_t unknown = ~std::uint32_t{0}, several = unknown - 1;
-  std::vector<std::uint32_t> below(ids_.size(), unknown);
+std::size_t LayerStep::slot(PointId id) const {
+  const auto found = std::lower_bound(following_.begin(), following_.end(), id);
+  return found != following_.end() && *found == id ? static_cast<std::size_t>(found - following_.begin()) : following_.size();
+}
+
+LayerStep::Carry LayerStep::carry_at(const Vec3& place) const {
+  const PointTree::Near near = at_rest_->nearest(place);
+  const double r = std::sqrt(near.square);
+  if (!(r < reach_[near.point])) return {};
+  const double t = r / reach_[near.point], left = (1 - t) * (1 - t);
+  return {{near.point, near.point}, {left * left * (4 * t + 1), 0}};
+}
+
+/// Nodes of columns that are no corners.
+void LayerStep::add_nodes(const Input& input) {
+  for (const ConstraintSet& set : input.sets) {
+    if (!set.column) continue;
+    std::vector<std::pair<double, std::uint32_t>> corners;
+    for (std::size_t i = 0; i < set.ids.size(); ++i) {
+      const std::size_t at = slot(set.ids[i]);
+      if (at == following_.size() || std::binary_search(ids_.begin(), ids_.end(), set.ids[i])) continue;
+      corners.clear();
+      for (std::size_t level = 0; level <= set.column->layers(); ++level) {
+        for (std::size_t c = 0; c < set.column->sides(); ++c) {
+          const std::uint32_t place = set.column->corner(level, c);
+          const auto u = std::lower_bound(ids_.begin(), ids_.end(), set.ids[place]) - ids_.begin();
+          corners.emplace_back(squared_distance(set.rest[place], set.rest[i]), static_cast<std::uint32_t>(u));
+        }
+      }
+      std::partial_sort(corners.begin(), corners.begin() + 2, corners.end());
+      carries_[at] = {{corners[0].second, corners[1].second}, {0.5, 0.5}};
+    }
+  }
+}
+
+Vec3 LayerStep::sum(const Carry& carry, const Step& step) const {
+  if (step.moved.empty()) return {};
+  return carry.share[0] * step.moved[carry.from[0]] + carry.share[1] * step.moved[carry.from[1]];
+}
+
+/// The faces and edges.
+void LayerStep::add_columns(const Input& input) {
+  constexpr std::uint32_t several = none - 1;
+  std::vector<std::uint32_t> below(ids_.size(), none);
   std::vector<std::size_t> level_of(ids_.size());
   std::vector<std::vector<std::uint32_t>> faces(ids_.size());
-  const auto rest = [&](std::uint32_t u) { return to_eigen(box.to_unit(mesh.points[ids_[u]])); };
-  for (const ConstraintSet& set : sets) {
+  const auto rest = [&](std::uint32_t u) { return to_eigen(input.box.to_unit(input.mesh.points[ids_[u]])); };
+  for (const ConstraintSet& set : input.sets) {
     if (!set.column) continue;
     const StretchedColumn& column = *set.column;
     const auto place = [&](std::size_t level, std::size_t c) {
@@ -113,7 +147,7 @@ void LayerStep::add_faces(const std::vector<ConstraintSet>& sets, const Mesh& me
     for (std::size_t level = 1; level <= column.layers(); ++level) {
       for (std::size_t c = 0; c < column.sides(); ++c) {
         const std::uint32_t u = place(level, c), under = place(level - 1, c);
-        below[u] = below[u] == unknown || below[u] == under ? under : several;
+        below[u] = below[u] == none || below[u] == under ? under : several;
         level_of[u] = std::max(level_of[u], level);
         faces[u].push_back(static_cast<std::uint32_t>(faces_.size()));
       }
@@ -121,7 +155,7 @@ void LayerStep::add_faces(const std::vector<ConstraintSet>& sets, const Mesh& me
     faces_.push_back(std::move(face));
   }
   for (std::uint32_t u = 0; u < ids_.size(); ++u) {
-    if (below[u] == unknown || below[u] == several) continue;
+    if (below[u] == none || below[u] == several || !follows(u) || input.keeps[ids_[u]]) continue;
     Edge edge{u, below[u], level_of[u], std::move(faces[u]), rest(u) - rest(below[u]), 0};
     for (const std::uint32_t f : edge.faces) edge.height += edge.rest.dot(faces_[f].normal);
     edges_.push_back(std::move(edge));
@@ -129,15 +163,9 @@ void LayerStep::add_faces(const std::vector<ConstraintSet>& sets, const Mesh& me
   std::stable_sort(edges_.begin(), edges_.end(), [](const Edge& a, const Edge& b) { return a.level < b.level; });
 }
 
-std::size_t LayerStep::own_bytes(std::size_t set_points) {
-  return set_points * (sizeof(Edge) + sizeof(Face) / 2 + 2 * sizeof(Eigen::Vector3d) + 10 * sizeof(std::uint32_t));
-}
-
-std::size_t LayerStep::bytes() const {
-  std::size_t bytes = ids_.size() * (sizeof(PointId) + 1) + moving_.size() * sizeof(std::uint32_t) + carrier_->bytes();
-  for (const Face& face : faces_) bytes += sizeof(Face) + face.corners.size() * (sizeof(std::uint32_t) + sizeof(Eigen::Vector3d));
-  for (const Edge& edge : edges_) bytes += sizeof(Edge) + edge.faces.size() * sizeof(std::uint32_t);
-  return bytes;
+std::size_t LayerStep::bytes_for(std::size_t set_points, std::size_t following) {
+  const std::size_t own = sizeof(Edge) + sizeof(Face) / 2 + 3 * sizeof(Eigen::Vector3d) + 10 * sizeof(std::uint32_t);
+  return set_points * own + following * sizeof(Carry);
 }
 
 std::vector<LayerStep::Turn> LayerStep::turns(const std::vector<Vec3>& at, const RunContext& context) const {
@@ -182,52 +210,27 @@ Direction direction(const Edge& edge, const Faces& faces, const Turns& turns) {
 
 }  // namespace
 
-RowMajorMatrix LayerStep::carried(const std::vector<Vec3>& from, const std::vector<Vec3>& to, const RunContext& context) const {
-  Eigen::MatrixXd step = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(carried_from_), 3);
-  for (std::size_t i = 0; i < moving_.size(); ++i) {
-    const std::uint32_t u = moving_[i];
-    for (std::size_t k = 0; k < 3; ++k) {
-      step(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(k)) = before_.box.scale * (to[u][k] - from[u][k]);
-    }
+/// With values in unit coordinates.
+LayerStep::Step LayerStep::moved(Step step, const std::vector<Vec3>& from) const {
+  step.moved.resize(ids_.size());
+  for (std::size_t u = 0; u < ids_.size(); ++u) {
+    step.moved[u] = scale_ * (step.values[u] - from[u]);
+    step.values[u] = scale_ * step.values[u];
   }
-  return carrier_->coefficients(step, context);
-}
-
-void LayerStep::add_values(const double* tile, const Step& step, double* out) const {
-  if (step.carried.size() > 0) carrier_->add_values(tile, step.carried.data(), 3, out);
+  return step;
 }
 
 LayerStep::Step LayerStep::place(std::vector<Vec3> from, const RunContext& context) const {
   Step step;
   const std::vector<Turn> turned = turns(from, context);
-  std::vector<Vec3> to = from;
-  double largest = 0;
+  step.values = from;
   for (const Edge& edge : edges_) {
-    to[edge.point] = to[edge.below] + to_vec3(direction(edge, faces_, turned).edge());
-    largest = std::max(largest, distance(to[edge.point], from[edge.point]));
+    step.values[edge.point] = step.values[edge.below] + to_vec3(direction(edge, faces_, turned).edge());
   }
-  step.carried = carried(from, to, context);
-  if (carries_far(step, (farthest * largest + farthest_more) * before_.box.scale, context)) return {};
-  for (const Vec3& y : to) step.values.push_back(before_.box.to_model(y));
+  step = moved(std::move(step), from);
+  for (Vec3& value : step.values) value = value + origin_;
   step.from = std::move(from);
   return step;
-}
-
-/// Whether some point moves farther than `most`: interpolants can overshoot.
-bool LayerStep::carries_far(const Step& step, double most, const RunContext& context) const {
-  std::atomic<bool> far = false;
-  parallel_for(context, before_.following_places.tiles(), 64, [&](std::size_t begin, std::size_t end) {
-    std::vector<double> values(3 * tile_size);
-    for (std::size_t t = begin; t < end && !far; ++t) {
-      std::fill(values.begin(), values.end(), 0.0);
-      add_values(before_.following_places.tile(t), step, values.data());
-      for (std::size_t i = 0; i < tile_size; ++i) {
-        // The negation makes NaN count as far.
-        if (!(std::hypot(values[i], values[tile_size + i], values[2 * tile_size + i]) <= most)) far = true;
-      }
-    }
-  });
-  return far;
 }
 
 /// With M = sum x x_0^T = R S the rotation changes by dR = R [w]x, (tr S - S) w = sum x_0 x R^T dx.
@@ -252,28 +255,20 @@ LayerStep::Step LayerStep::derivative(const std::vector<Vec3>& at, const std::ve
     }
     step.values[edge.point] = step.values[edge.below] + to_vec3(direction(edge, faces_, turned).change(ds, dm));
   }
-  step.carried = carried(change, step.values, context);
-  for (Vec3& value : step.values) value = before_.box.scale * value;
-  return step;
+  return moved(std::move(step), change);
 }
 
 std::vector<Vec3> LayerStep::adjoint(const std::vector<Vec3>& at, std::vector<Vec3>& cotangents,
                                      const RunContext& context) const {
-  const std::vector<PointId>& following = before_.following;
-  const std::vector<Vec3> places = unit_places(before_.held.mesh, before_.box, following);
-  std::vector<Vec3> others = cotangents, y(ids_.size(), Vec3{});
-  std::vector<std::size_t> slots;
-  for (const std::uint32_t u : moving_) {
-    slots.push_back(static_cast<std::size_t>(std::lower_bound(following.begin(), following.end(), ids_[u]) - following.begin()));
-    y[u] = cotangents[slots.back()];
-    others[slots.back()] = {};
+  // Of how far the points are moved, and of their positions after the step.
+  std::vector<Vec3> steps(ids_.size(), Vec3{}), y(ids_.size(), Vec3{});
+  for (std::size_t s = 0; s < carries_.size(); ++s) {
+    for (std::size_t k = 0; k < 2; ++k) {
+      const std::uint32_t u = carries_[s].from[k];
+      if (carries_[s].share[k] != 0) steps[u] = steps[u] + carries_[s].share[k] * cotangents[s];
+    }
   }
-  const Eigen::MatrixXd steps = carrier_->adjoint(places, others, context);
-  const auto step = [&](std::size_t i) {
-    const auto row = static_cast<Eigen::Index>(i);
-    return Vec3{steps(row, 0), steps(row, 1), steps(row, 2)};
-  };
-  for (std::size_t i = 0; i < moving_.size(); ++i) y[moving_[i]] = y[moving_[i]] + step(i);
+  for (std::size_t u = 0; u < ids_.size(); ++u) y[u] = follows(u) ? steps[u] + cotangents[slots_[u]] : steps[u];
 
   const std::vector<Turn> turned = turns(at, context);
   std::vector<Eigen::Vector3d> w(faces_.size(), Eigen::Vector3d::Zero());
@@ -292,9 +287,11 @@ std::vector<Vec3> LayerStep::adjoint(const std::vector<Vec3>& at, std::vector<Ve
       x = x + to_vec3(turned[f].R * q.cross(faces_[f].rest[c]));
     }
   }
-  for (std::size_t i = 0; i < moving_.size(); ++i) {
-    cotangents[slots[i]] = y[moving_[i]] - step(i);
-    y[moving_[i]] = {};
+  for (std::size_t u = 0; u < ids_.size(); ++u) {
+    y[u] = y[u] - steps[u];
+    if (!follows(u)) continue;
+    cotangents[slots_[u]] = y[u];
+    y[u] = {};
   }
   return y;
 }

@@ -2,13 +2,18 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <span>
 #include <vector>
 
+#include "core/base/run_context.h"
 #include "core/deformers/constrained/constrained_points.h"
-#include "core/deformers/energy/exact_step.h"
+#include "core/deformers/handles/handle_motion.h"
+#include "core/mesh/mesh.h"
+#include "core/numerics/sampling/point_tree.h"
 
 namespace deform {
 
@@ -21,44 +26,57 @@ namespace deform {
 ///   e = a s / (s . m),  s = sum R_c e_0,  m = sum R_c n_c,  a = sum e_0 . n_c
 /// over the wall faces with a column that has it, where e_0 is the edge and n_c the normal of the face at rest: the mean
 /// direction, and as long as the mean of the heights over these faces requires. For columns that move rigidly that is the edge
-/// turned with them. The wall stays where it is, and points of handles, fixed regions and exact constraints as well, which end
-/// the columns below. Points that stand on two walls, as in a corner between them, stay too. The steps of the points are carried
-/// to those around them as those of ExactStep are. Immutable; any thread.
+/// turned with them. The wall stays where it is. So do points of handles, fixed regions and exact constraints, and points that
+/// stand on several walls, as in a corner between them; the layers above stand on these.
+///
+/// Points around the columns take the step of the nearest corner of a column, times Wendland's C2 function of its distance at
+/// rest over carried_heights times the height of that column. Nodes between two corners take the mean of their steps.
+/// Immutable; any thread.
 class LayerStep {
  public:
-  /// Uses the sets that are columns of cells; `keeps` tells which points of the mesh stay. The objects that `before` refers to
-  /// must outlive this object.
-  LayerStep(const DeformationBefore& before, const std::vector<ConstraintSet>& sets, const std::vector<char>& keeps,
-            const RunContext& context);
+  static constexpr double carried_heights = 4;
+
+  struct Input {
+    const Mesh& mesh;
+    const UnitBox& box;
+    const std::vector<PointId>& following;   ///< points that follow the solution, ascending; must outlive the step
+    const std::vector<ConstraintSet>& sets;  ///< those that are columns of cells are used
+    const std::vector<char>& keeps;          ///< for each point of the mesh: whether it keeps its place
+  };
+  LayerStep(const Input& input, const RunContext& context);
 
   /// The step of one design or derivative.
   struct Step {
-    std::vector<Vec3> from;    ///< U points before the step, unit coordinates; empty if the step is omitted
-    RowMajorMatrix carried;    ///< coefficients of the added field, rows x 3, or empty
-    std::vector<Vec3> values;  ///< resulting positions or their derivatives, model units; empty if the step is omitted
+    std::vector<Vec3> from;    ///< U: points before the step, unit coordinates
+    std::vector<Vec3> values;  ///< U: resulting positions or their derivatives, model units
+    std::vector<Vec3> moved;   ///< U: how far the step moves them, model units
   };
-  /// `from` are the points ids(), unit coordinates. The step is omitted if points around would be carried farther than three
-  /// times as far as those of the columns.
+  /// `from` are the points ids(), unit coordinates.
   Step place(std::vector<Vec3> from, const RunContext& context) const;
-  /// `change` is the derivative of the points ids() before the step at `at`, which has not been omitted.
+  /// `change` is the derivative of the points ids() before the step at `at`.
   Step derivative(const std::vector<Vec3>& at, const std::vector<Vec3>& change, const RunContext& context) const;
-  /// Replaces cotangents of the following points by those before the step, and returns the cotangents at ids() that do not move.
+  /// Replaces cotangents of the following points by those before the step, and returns those at ids() that do not follow.
   std::vector<Vec3> adjoint(const std::vector<Vec3>& at, std::vector<Vec3>& cotangents, const RunContext& context) const;
 
-  /// Adds the field of a step at a tile of points: out[component][16].
-  void add_values(const double* tile, const Step& step, double* out) const;
-  /// U: the points of all columns, ascending, and whether one follows the design by the functions: the step moves it or keeps it
-  /// in its place.
-  const std::vector<PointId>& ids() const { return ids_; }
-  bool follows(std::size_t u) const { return follows_[u] != 0; }
-  std::size_t bytes() const;
+  /// What a step adds at a following point of the mesh, which is none of ids(), and at any place in unit coordinates; model
+  /// units.
+  Vec3 carried(std::size_t following, const Step& step) const { return sum(carries_[following], step); }
+  Vec3 carried_at(const Vec3& place, const Step& step) const { return sum(carry_at(place), step); }
+  /// The position of a point among the following ones.
+  std::size_t slot(PointId id) const;
 
-  /// Bytes of a LayerStep without its carrier, for sets with so many points.
-  static std::size_t own_bytes(std::size_t set_points);
-  /// The points that the step moves or keeps in their place, ascending.
-  static std::vector<PointId> carried_points(const std::vector<ConstraintSet>& sets, const std::vector<char>& following);
+  /// U: the corners of all columns, ascending.
+  const std::vector<PointId>& ids() const { return ids_; }
+  bool follows(std::size_t u) const { return slots_[u] != none; }
+  /// Whether the step moves no point, for any design.
+  bool empty() const { return edges_.empty(); }
+  std::size_t bytes() const { return bytes_for(set_points_, following_.size()); }
+  /// The memory for sets with so many points and so many following ones, in bytes.
+  static std::size_t bytes_for(std::size_t set_points, std::size_t following);
 
  private:
+  static constexpr std::uint32_t none = ~std::uint32_t{0};
+
   /// A wall face with its column.
   struct Face {
     std::vector<std::uint32_t> corners;  ///< among ids()
@@ -76,22 +94,32 @@ class LayerStep {
   /// How a face has turned.
   struct Turn {
     Eigen::Matrix3d R;
-    Eigen::Matrix3d response;  ///< (tr S - S)^-1 with S = R^T sum x x_0^T, or zero for points without a rotation
+    Eigen::Matrix3d response;  ///< (tr S - S)^-1 with S = R^T sum x x_0^T; zero for corners on a line
+  };
+  /// Shares of the steps of two points.
+  struct Carry {
+    std::array<std::uint32_t, 2> from{0, 0};
+    std::array<double, 2> share{0, 0};
   };
 
-  void add_faces(const std::vector<ConstraintSet>& sets, const Mesh& mesh, const UnitBox& box);
+  void add_columns(const Input& input);
+  void add_nodes(const Input& input);
+  Carry carry_at(const Vec3& place) const;
   std::vector<Turn> turns(const std::vector<Vec3>& at, const RunContext& context) const;
-  RowMajorMatrix carried(const std::vector<Vec3>& from, const std::vector<Vec3>& to, const RunContext& context) const;
-  bool carries_far(const Step& step, double most, const RunContext& context) const;
+  Step moved(Step step, const std::vector<Vec3>& from) const;
+  Vec3 sum(const Carry& carry, const Step& step) const;
 
-  const DeformationBefore before_;
+  const std::vector<PointId>& following_;
+  const double scale_;
+  const Vec3 origin_;
+  std::size_t set_points_ = 0;
   std::vector<PointId> ids_;
-  std::vector<char> follows_;
-  std::vector<std::uint32_t> moving_;  ///< those among ids() that follow
+  std::vector<std::uint32_t> slots_;  ///< U: positions among the following points, or none
   std::vector<Face> faces_;
-  std::vector<Edge> edges_;  ///< level by level
-  std::unique_ptr<const ResidualCorrection> carrier_;
-  std::size_t carried_from_ = 0;  ///< number of places of the carrier
+  std::vector<Edge> edges_;                   ///< level by level
+  std::vector<double> reach_;                 ///< U: how far a step is carried, unit coordinates
+  std::unique_ptr<const PointTree> at_rest_;  ///< U
+  std::vector<Carry> carries_;                ///< of each following point
 };
 
 }  // namespace deform
