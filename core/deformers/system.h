@@ -50,18 +50,21 @@ struct ConstraintReport {
   double rms_before = 0;  ///< root mean square distance in the deformation without constraints
   double max = 0;         ///< largest distance as delivered
   double rms = 0;         ///< root mean square distance as delivered
-  /// With Rigid::layers: the least and the largest height of a layer of a column over that at rest.
-  struct Heights {
-    double least = 1, largest = 1;
-    double change() const { return std::max({largest - 1, 1 - least, 0.0}); }  ///< the largest, as a fraction
-  };
-  std::optional<Heights> heights;         ///< as delivered
-  std::optional<Heights> heights_before;  ///< in the deformation without constraints
   /// Whether the constraint is exact but `max` exceeds 1e-9 D, because it contradicts others or handle and fixed points.
   bool missed = false;
   /// Whether the constraint is exact but was given up, because it contradicts others or handle and fixed points, or is too far
   /// away (see ExactPlacement). Its points then keep the result of the fit.
   bool given_up = false;
+  /// With Rigid::layers: the least and the largest height of a layer of a column over that at rest.
+  struct Heights {
+    double least = 1, largest = 1;
+    void add(double height) {
+      least = std::min(least, height);
+      largest = std::max(largest, height);
+    }
+  };
+  std::optional<Heights> heights{};         ///< as delivered
+  std::optional<Heights> heights_before{};  ///< in the deformation without constraints
 };
 
 /// Report on one evaluated design.

@@ -21,8 +21,7 @@ constexpr double convergence_margin = 4;  // true error against the way to the s
 void add_heights(const std::vector<double>& heights, std::optional<ConstraintReport::Heights>& range) {
   for (const double height : heights) {
     if (!range) range = {height, height};
-    range->least = std::min(range->least, height);
-    range->largest = std::max(range->largest, height);
+    range->add(height);
   }
 }
 
