@@ -17,28 +17,8 @@ namespace deform {
 namespace {
 
 constexpr std::size_t faces_per_task = 64, points_per_task = 1024;
-constexpr double least_slope = 0.3;    // of an edge: its height over its length, below which it has no height to keep
+constexpr double stay = 1e-3;          // weight of the way of an edge from the mean of the turned ones, beside its heights
 constexpr double no_rotation = 1e-12;  // second singular value of a face over the first: a line
-
-/// e = a s / (s . m), or the mean of the turned edges where it leans too much.
-struct Direction {
-  Eigen::Vector3d s = Eigen::Vector3d::Zero(), m = Eigen::Vector3d::Zero();
-  double count = 0, height = 0;
-
-  bool upright() const { return s.dot(m) > least_slope * s.norm() * m.norm() && height > least_slope * s.norm(); }
-  Eigen::Vector3d edge() const { return upright() ? Eigen::Vector3d(height / s.dot(m) * s) : Eigen::Vector3d(s / count); }
-  Eigen::Vector3d change(const Eigen::Vector3d& ds, const Eigen::Vector3d& dm) const {
-    if (!upright()) return ds / count;
-    const double along = s.dot(m);
-    return height / along * (ds - (ds.dot(m) + s.dot(dm)) / along * s);
-  }
-  /// Of change(), to s and m.
-  std::pair<Eigen::Vector3d, Eigen::Vector3d> adjoint(const Eigen::Vector3d& g) const {
-    if (!upright()) return {g / count, Eigen::Vector3d::Zero()};
-    const double along = s.dot(m), by = height / along;
-    return {by * (g - g.dot(s) / along * m), -by * g.dot(s) / along * s};
-  }
-};
 
 }  // namespace
 
@@ -156,9 +136,7 @@ void LayerStep::add_columns(const Input& input) {
   }
   for (std::uint32_t u = 0; u < ids_.size(); ++u) {
     if (below[u] == none || below[u] == several || !follows(u) || input.keeps[ids_[u]]) continue;
-    Edge edge{u, below[u], level_of[u], std::move(faces[u]), rest(u) - rest(below[u]), 0};
-    for (const std::uint32_t f : edge.faces) edge.height += edge.rest.dot(faces_[f].normal);
-    edges_.push_back(std::move(edge));
+    edges_.push_back({u, below[u], level_of[u], std::move(faces[u]), rest(u) - rest(below[u])});
   }
   std::stable_sort(edges_.begin(), edges_.end(), [](const Edge& a, const Edge& b) { return a.level < b.level; });
 }
@@ -195,18 +173,62 @@ std::vector<LayerStep::Turn> LayerStep::turns(const std::vector<Vec3>& at, const
 
 namespace {
 
-/// s and m of an edge.
+/// An edge at faces that have turned, with N = sum n n^T + stay I of their normals.
 template <typename Edge, typename Faces, typename Turns>
-Direction direction(const Edge& edge, const Faces& faces, const Turns& turns) {
-  Direction result;
-  for (const std::uint32_t f : edge.faces) {
-    result.s += turns[f].R * edge.rest;
-    result.m += turns[f].R * faces[f].normal;
+class TurnedEdge {
+ public:
+  TurnedEdge(const Edge& edge, const Faces& faces, const Turns& turns) : edge_(edge), faces_(faces), turns_(turns) {
+    const auto count = static_cast<double>(edge.faces.size());
+    Eigen::Matrix3d N = Eigen::Matrix3d(stay * count * Eigen::Matrix3d::Identity());
+    Eigen::Vector3d mean = Eigen::Vector3d::Zero(), b = Eigen::Vector3d::Zero();
+    for (const std::uint32_t f : edge.faces) mean += turns[f].R * edge.rest / count;
+    for (const std::uint32_t f : edge.faces) {
+      const Eigen::Vector3d n = normal(f);
+      N += n * n.transpose();
+      b += n * (height(f) - n.dot(mean));
+    }
+    inverse_ = N.inverse();
+    edge_now_ = mean + inverse_ * b;
   }
-  result.count = static_cast<double>(edge.faces.size());
-  result.height = edge.height;
-  return result;
-}
+
+  const Eigen::Vector3d& value() const { return edge_now_; }
+
+  /// For faces that turn by w[f], in their axes at rest.
+  Eigen::Vector3d change(const std::vector<Eigen::Vector3d>& w) const {
+    Eigen::Vector3d mean = Eigen::Vector3d::Zero(), b = Eigen::Vector3d::Zero();
+    for (const std::uint32_t f : edge_.faces) {
+      mean += turns_[f].R * w[f].cross(edge_.rest) / static_cast<double>(edge_.faces.size());
+    }
+    for (const std::uint32_t f : edge_.faces) {
+      const Eigen::Vector3d n = normal(f), dn = turns_[f].R * w[f].cross(faces_[f].normal);
+      b += dn * (height(f) - n.dot(edge_now_)) - n * (dn.dot(edge_now_) + n.dot(mean));
+    }
+    return mean + inverse_ * b;
+  }
+
+  /// Adds the transpose of change() for g.
+  void add_adjoint(const Eigen::Vector3d& g, std::vector<Eigen::Vector3d>& w) const {
+    const Eigen::Vector3d p = inverse_ * g;
+    Eigen::Vector3d mean = g;
+    for (const std::uint32_t f : edge_.faces) mean -= normal(f) * normal(f).dot(p);
+    mean /= static_cast<double>(edge_.faces.size());
+    for (const std::uint32_t f : edge_.faces) {
+      const Eigen::Vector3d n = normal(f), dn = p * (height(f) - n.dot(edge_now_)) - edge_now_ * n.dot(p);
+      const Eigen::Matrix3d back = turns_[f].R.transpose();
+      w[f] += edge_.rest.cross(back * mean) + faces_[f].normal.cross(back * dn);
+    }
+  }
+
+ private:
+  Eigen::Vector3d normal(std::uint32_t f) const { return turns_[f].R * faces_[f].normal; }
+  double height(std::uint32_t f) const { return edge_.rest.dot(faces_[f].normal); }
+
+  const Edge& edge_;
+  const Faces& faces_;
+  const Turns& turns_;
+  Eigen::Matrix3d inverse_;
+  Eigen::Vector3d edge_now_;
+};
 
 }  // namespace
 
@@ -225,7 +247,7 @@ LayerStep::Step LayerStep::place(std::vector<Vec3> from, const RunContext& conte
   const std::vector<Turn> turned = turns(from, context);
   step.values = from;
   for (const Edge& edge : edges_) {
-    step.values[edge.point] = step.values[edge.below] + to_vec3(direction(edge, faces_, turned).edge());
+    step.values[edge.point] = step.values[edge.below] + to_vec3(TurnedEdge(edge, faces_, turned).value());
   }
   step = moved(std::move(step), from);
   for (Vec3& value : step.values) value = value + origin_;
@@ -248,12 +270,7 @@ LayerStep::Step LayerStep::derivative(const std::vector<Vec3>& at, const std::ve
   Step step;
   step.values = change;
   for (const Edge& edge : edges_) {
-    Eigen::Vector3d ds = Eigen::Vector3d::Zero(), dm = Eigen::Vector3d::Zero();
-    for (const std::uint32_t f : edge.faces) {
-      ds += turned[f].R * w[f].cross(edge.rest);
-      dm += turned[f].R * w[f].cross(faces_[f].normal);
-    }
-    step.values[edge.point] = step.values[edge.below] + to_vec3(direction(edge, faces_, turned).change(ds, dm));
+    step.values[edge.point] = step.values[edge.below] + to_vec3(TurnedEdge(edge, faces_, turned).change(w));
   }
   return moved(std::move(step), change);
 }
@@ -273,10 +290,7 @@ std::vector<Vec3> LayerStep::adjoint(const std::vector<Vec3>& at, std::vector<Ve
   const std::vector<Turn> turned = turns(at, context);
   std::vector<Eigen::Vector3d> w(faces_.size(), Eigen::Vector3d::Zero());
   for (auto edge = edges_.rbegin(); edge != edges_.rend(); ++edge) {
-    const auto [s, m] = direction(*edge, faces_, turned).adjoint(to_eigen(y[edge->point]));
-    for (const std::uint32_t f : edge->faces) {
-      w[f] += edge->rest.cross(turned[f].R.transpose() * s) + faces_[f].normal.cross(turned[f].R.transpose() * m);
-    }
+    TurnedEdge(*edge, faces_, turned).add_adjoint(to_eigen(y[edge->point]), w);
     y[edge->below] = y[edge->below] + y[edge->point];
     y[edge->point] = {};
   }

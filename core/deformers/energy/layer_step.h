@@ -22,10 +22,10 @@ namespace deform {
 ///
 /// What functions and their correction make of thin layers is right to a fraction of the motion of the handles, which may be all
 /// of a height. So each wall face c turns with the rotation R_c that fits its corners best (Kabsch 1976), and every edge between
-/// two levels of the columns becomes
-///   e = a s / (s . m),  s = sum R_c e_0,  m = sum R_c n_c,  a = sum e_0 . n_c
-/// over the wall faces with a column that has it, where e_0 is the edge and n_c the normal of the face at rest: the mean
-/// direction, and as long as the mean of the heights over these faces requires. For columns that move rigidly that is the edge
+/// two levels of the columns becomes the e that minimizes
+///   sum_c (e . R_c n_c - e_0 . n_c)^2 + 1e-3 |e - R_c e_0|^2
+/// over the wall faces with a column that has it, where e_0 is the edge and n_c the normal of the face at rest: it keeps the
+/// heights over all faces around, where these fold too, and else its direction. For columns that move rigidly that is the edge
 /// turned with them. The wall stays where it is. So do points of handles, fixed regions and exact constraints, and points that
 /// stand on several walls, as in a corner between them; the layers above stand on these.
 ///
@@ -89,7 +89,6 @@ class LayerStep {
     std::size_t level = 0;
     std::vector<std::uint32_t> faces;
     Eigen::Vector3d rest;
-    double height = 0;  ///< a
   };
   /// How a face has turned.
   struct Turn {
