@@ -297,8 +297,8 @@ variables:
   - {name: turn, handle: strip, rotate: {axis: [0, 1, 0], centre: [1.5, 0, 0]}}
 """
         self.write("free.yaml", plate)
-        wall = "constraints: [{name: wall, rigid: {layers: 4}, regions: [{box: {min: [-1, -1, -1], max: [4, 2, 0]}}]}]\n"
-        self.write("kept.yaml", plate + wall)
+        keep = "constraints: [{name: wall, rigid: {layers: 4}, regions: [{box: {min: [-1, -1, -1], max: [4, 2, 0]}}]}]\n"
+        self.write("kept.yaml", plate + keep)
 
         def heights(name, *more):
             sets = ["--set", "up=0.1", "--set", "turn=0.15", *more]
@@ -334,7 +334,7 @@ variables:
         self.write("kept.yaml", plate
                    .replace("max: [1.9, 2, 0]}}}]\n", "max: [1.9, 2, 0]}}}, {name: lifted, region: {ids: [%d]}}]\n" % (at(3, 2, 1) - 1))
                    .replace("fixed:\n", "fixed:\n  - {ids: [%d]}\n" % (at(3, 2, 0) - 1)) +
-                   "  - {name: lift, handle: lifted, translate: [0, 0, 1]}\n" + wall)
+                   "  - {name: lift, handle: lifted, translate: [0, 0, 1]}\n" + keep)
         report, told, least, largest = heights("kept.yaml", "--set", "lift=5e-5")
         self.assertGreater(largest, 1.1)
         self.assertEqual(report["verdict"], "doubtful")
