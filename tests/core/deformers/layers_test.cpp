@@ -143,11 +143,11 @@ void expect_kept(const MethodOptions& method, double first, ElementType type, co
   EXPECT_LT(before[0], 1 - 10 * tolerance) << "without the constraint";
   EXPECT_GT(after[0], 1 - tolerance);
   EXPECT_LT(after[1], 1 + tolerance);
-  // What the layers take or give is spread over the cells above; without that the next one would change three times as much.
+  // What the layers take or give is spread over the cells above.
   const auto next_before = bump.heights(free.points, kept_layers, kept_layers + 1);
   const auto next = bump.heights(kept.points, kept_layers, kept_layers + 1);
-  EXPECT_GT(next[0], 1 - 1.6 * std::max(1 - next_before[0], next_before[1] - 1));
-  EXPECT_LT(next[1], 1 + 1.6 * std::max(1 - next_before[0], next_before[1] - 1));
+  EXPECT_GT(next[0], 1 - 1.1 * std::max(1 - next_before[0], next_before[1] - 1));
+  EXPECT_LT(next[1], 1 + 1.1 * std::max(1 - next_before[0], next_before[1] - 1));
   const ConstraintReport& report = kept.report.constraints[0];
   ASSERT_TRUE(report.heights && report.heights_before);
   const double same = type == ElementType::hexahedron ? 2e-4 : 5e-3;  // other normals: of both faces, and of triangles
