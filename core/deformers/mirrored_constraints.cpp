@@ -108,6 +108,13 @@ std::size_t continued_planes(const Constraint& constraint, const Places& regions
   return planes;
 }
 
+void merge(const std::optional<ConstraintReport::Heights>& of, std::optional<ConstraintReport::Heights>& all) {
+  if (!of) return;
+  if (!all) all = of;
+  all->add(of->least);
+  all->add(of->largest);
+}
+
 std::vector<Region> regions_of(Places places) {
   std::vector<Region> result;
   for (std::vector<PointId>& ids : places) result.push_back({Region::Ids{std::move(ids)}});
@@ -185,6 +192,8 @@ std::vector<ConstraintReport> MirroredConstraints::reports(std::span<const Const
     report.rms += whole[c].rms * whole[c].rms;
     report.missed = report.missed || whole[c].missed;
     report.given_up = report.given_up || whole[c].given_up;
+    merge(whole[c].heights, report.heights);
+    merge(whole[c].heights_before, report.heights_before);
     ++copies[constraint_of[c]];
   }
   for (std::size_t i = 0; i < result.size(); ++i) {

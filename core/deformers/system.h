@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
@@ -54,6 +55,16 @@ struct ConstraintReport {
   /// Whether the constraint is exact but was given up, because it contradicts others or handle and fixed points, or is too far
   /// away (see ExactPlacement). Its points then keep the result of the fit.
   bool given_up = false;
+  /// With Rigid::layers: the least and the largest height of a layer of a column over that at rest.
+  struct Heights {
+    double least = 1, largest = 1;
+    void add(double height) {
+      least = std::min(least, height);
+      largest = std::max(largest, height);
+    }
+  };
+  std::optional<Heights> heights{};         ///< as delivered
+  std::optional<Heights> heights_before{};  ///< in the deformation without constraints
 };
 
 /// Report on one evaluated design.

@@ -6,6 +6,7 @@
 #include <limits>
 #include <numeric>
 #include <optional>
+#include <utility>
 
 #include "core/base/checks.h"
 #include "core/base/error.h"
@@ -31,15 +32,24 @@ class Prisms {
  public:
   explicit Prisms(std::size_t points) : place_(points, none) {}
 
-  /// The face of the cell that is opposite to faces[base]; std::nullopt if the cell is not a prism over it.
-  std::optional<std::size_t> opposite(std::span<const WallCorners> faces, std::size_t base) {
+  /// The face of a cell that is opposite to another, and the corners of the cell above those of the other.
+  struct Opposite {
+    std::size_t face = 0;
+    std::vector<std::pair<PointId, PointId>> edges;  ///< from the corners of the one face to those above them
+  };
+
+  /// That of faces[base]; std::nullopt if the cell is not a prism over it.
+  std::optional<Opposite> opposite(std::span<const WallCorners> faces, std::size_t base) {
     const std::optional<std::size_t> top = candidate(faces, base);
     if (!top) return {};
     const bool prism = mark(faces[base], 0) && mark(faces[*top], faces[base].size()) && joined(faces, base, *top);
     for (const std::size_t f : {base, *top}) {
       for (const PointId p : faces[f]) place_[p] = none;
     }
-    return prism ? top : std::nullopt;
+    if (!prism) return {};
+    Opposite result{*top, {}};
+    for (std::size_t i = 0; i < above_.size(); ++i) result.edges.emplace_back(faces[base][i], faces[*top][above_[i]]);
+    return result;
   }
 
  private:
@@ -122,6 +132,12 @@ bool all_in(WallCorners corners, const std::vector<char>& set) {
   return std::all_of(corners.begin(), corners.end(), [&](PointId p) { return set[p] != 0; });
 }
 
+/// The opposite side of a cell, with Prisms::Opposite::edges.
+struct OppositeSide {
+  Side side;
+  std::vector<std::pair<PointId, PointId>> edges;
+};
+
 class FaceCells {
  public:
   FaceCells(const PolyhedralCells& cells, std::size_t points, const std::vector<char>&)
@@ -144,7 +160,7 @@ class FaceCells {
     return sides;
   }
 
-  std::optional<Side> opposite(Side side) {
+  std::optional<OppositeSide> opposite(Side side) {
     const auto faces = faces_of(side.cell);
     if (faces.size() != cells_.face(side.face).size() + 2) return {};
     corners_.clear();
@@ -153,9 +169,9 @@ class FaceCells {
       corners_.push_back(cells_.face(faces[f]));
       if (faces[f] == side.face) base = f;
     }
-    const auto found = prisms_.opposite(corners_, base);
+    auto found = prisms_.opposite(corners_, base);
     if (!found) return {};
-    return Side{side.cell, faces[*found]};
+    return OppositeSide{{side.cell, faces[found->face]}, std::move(found->edges)};
   }
 
   std::optional<Side> behind(Side side) const {
@@ -205,7 +221,7 @@ class ElementCells {
     return walls;
   }
 
-  std::optional<Side> opposite(Side side) {
+  std::optional<OppositeSide> opposite(Side side) {
     const std::size_t count = shape(elements_.types[side.cell]).faces.size();
     std::array<Quad, most_faces> faces;
     std::array<WallCorners, most_faces> views;
@@ -213,9 +229,9 @@ class ElementCells {
       faces[f] = corners({side.cell, f});
       views[f] = faces[f].view();
     }
-    const auto found = prisms_.opposite(std::span(views).first(count), side.face);
+    auto found = prisms_.opposite(std::span(views).first(count), side.face);
     if (!found) return {};
-    return Side{side.cell, static_cast<std::uint32_t>(*found)};
+    return OppositeSide{{side.cell, static_cast<std::uint32_t>(found->face)}, std::move(found->edges)};
   }
 
   std::optional<Side> behind(Side side) const {
@@ -284,6 +300,20 @@ class ElementCells {
   std::vector<Side> sides_;             // those of the same least corner ordered by their keys
 };
 
+/// Adds the corners above those of the last level.
+void add_level(const std::vector<std::pair<PointId, PointId>>& edges, WallColumns::Stack& stack) {
+  if (stack.corners.empty()) {
+    stack.sides = edges.size();
+    for (const auto& edge : edges) stack.corners.push_back(edge.first);
+  }
+  const std::size_t below = stack.corners.size() - stack.sides;
+  for (std::size_t c = 0; c < stack.sides; ++c) {
+    const PointId corner = stack.corners[below + c];
+    const auto edge = std::find_if(edges.begin(), edges.end(), [&](const auto& e) { return e.first == corner; });
+    stack.corners.push_back(edge->second);
+  }
+}
+
 template <typename Cells>
 WallColumns columns_of(Cells cells, const std::vector<char>& set, int layers, const std::string& what) {
   WallColumns result;
@@ -295,12 +325,14 @@ WallColumns columns_of(Cells cells, const std::vector<char>& set, int layers, co
   }
   for (const Side face : wall) {
     std::vector<PointId> points;
+    WallColumns::Stack stack;
     int height = 0;
     for (std::optional<Side> side = face; side && height < layers; ++height) {
       const auto opposite = cells.opposite(*side);
       if (!opposite) break;
       cells.add_points(side->cell, points);
-      side = cells.behind(*opposite);
+      add_level(opposite->edges, stack);
+      side = cells.behind(opposite->side);
     }
     if (height == 0) {
       ++result.bare;
@@ -310,6 +342,7 @@ WallColumns columns_of(Cells cells, const std::vector<char>& set, int layers, co
     std::sort(points.begin(), points.end());
     points.erase(std::unique(points.begin(), points.end()), points.end());
     result.points.push_back(std::move(points));
+    result.stacks.push_back(std::move(stack));
   }
   if (result.points.empty()) {
     throw Error(ErrorCode::invalid_argument, what + ": no prism or hexahedron stands on any of the " +

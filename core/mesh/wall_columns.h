@@ -21,7 +21,15 @@ inline constexpr int most_wall_layers = 1000;
 /// none. A column consists of the cell on a boundary face, the cell behind its opposite face, and so on. It ends at the opposite
 /// wall, at a cell that is no prism over the common face, or where cells do not share a whole face (hanging nodes).
 struct WallColumns {
+  /// The corners of the cells of a column.
+  struct Stack {
+    std::size_t sides = 0;         ///< corners of the wall face
+    std::vector<PointId> corners;  ///< those of the wall face in order around it, then those above them, level by level
+
+    std::size_t layers() const { return corners.size() / sides - 1; }
+  };
   std::vector<std::vector<PointId>> points;  ///< points of the cells of each column with mid-edge and mid-face nodes, sorted
+  std::vector<Stack> stacks;                 ///< of each column
   std::size_t faces = 0;                     ///< boundary faces with all corners in the set
   std::size_t shorter = 0;                   ///< columns of fewer cells than requested
   std::size_t bare = 0;                      ///< faces without a column, because the cell behind does not stand on them

@@ -18,6 +18,14 @@ v1::ConstraintsReport constraints_report(const DesignReport& report, const Setup
     residual.set_free_largest(of.max_before);
     residual.set_free_rms(of.rms_before);
     residual.set_missed(of.missed);
+    if (of.heights) {
+      residual.set_least_height(of.heights->least);
+      residual.set_largest_height(of.heights->largest);
+    }
+    if (of.heights_before) {
+      residual.set_free_least_height(of.heights_before->least);
+      residual.set_free_largest_height(of.heights_before->largest);
+    }
   }
   message.set_converged(report.converged);
   message.set_iterations(static_cast<std::uint32_t>(report.iterations + report.newton_steps));

@@ -20,6 +20,7 @@ constexpr double doubtful_condition = 1e12;
 constexpr double harmless_error = 1e-8;                     // of the motion: measured, it says that such a condition did no harm
 constexpr double unrefined_error = 1e-9;                    // of the motion: told without a converged refinement, not bad
 constexpr double bad_misfit = 0.5, doubtful_misfit = 0.02;  // of the largest prescribed displacement
+constexpr double doubtful_height = 0.01;                    // of the height at rest
 constexpr double no_motion = 1e-6;                          // of the same
 constexpr double far_away = 10;                             // of D: prescribed displacements in other units than the mesh
 
@@ -184,7 +185,22 @@ void judge_size(const SolutionFacts& facts, const v1::DesignResult& result, std:
   }
 }
 
+/// The heights of layers that a constraint is to keep. The negation makes NaN count as changed.
+void judge_heights(const v1::ConstraintResidual& residual, std::vector<Finding>& found) {
+  if (!residual.has_least_height()) return;
+  const double least = residual.least_height(), largest = residual.largest_height();
+  if (1 - least <= doubtful_height && largest - 1 <= doubtful_height) return;
+  found.emplace_back(
+      v1::VERDICT_DOUBTFUL,
+      "the heights of the layers of \"" + residual.name() + "\" are " + rounded(least) + " to " + rounded(largest) +
+          " of those at rest, without the constraint " + rounded(residual.free_least_height()) + " to " +
+          rounded(residual.free_largest_height()) +
+          ": points above the wall are held, exact or on two walls, or the wall folds; take fewer layers, or hold " +
+          "no points above the wall");
+}
+
 void judge_constraints(const v1::ConstraintsReport& constraints, std::vector<Finding>& found) {
+  for (const auto& residual : constraints.residuals()) judge_heights(residual, found);
   std::string names;
   for (const auto& residual : constraints.residuals()) {
     if (residual.missed()) names += (names.empty() ? "\"" : ", \"") + residual.name() + "\"";

@@ -267,6 +267,79 @@ constraints: [{name: wall, rigid: {layers: LAYERS}, regions: [{box: {min: [0, 0.
         for check in ((), ("--check",)):
             self.fails(1, "prepare", "inside.yaml", *check, says=["constraints[0].regions[0]", "no face on the boundary"])
 
+    def test_thin_layers_keep_their_heights(self):
+        # A plate in hexahedra with first cells of 3e-5, of which a strip is lifted and turned.
+        levels = [0.0]
+        while levels[-1] < 0.6:
+            levels.append(levels[-1] + min(0.2, 1e-4 * 1.4 ** (len(levels) - 1)))
+        levels.append(1.0)
+        nx, ny, nz = 16, 4, len(levels)
+
+        def at(i, j, k):
+            return 1 + i + (nx + 1) * (j + (ny + 1) * k)
+
+        rest = [[3 * i / nx, j / ny, z] for z in levels for j in range(ny + 1) for i in range(nx + 1)]
+        cells = [[at(i + a, j + b, k + c) for c in (0, 1) for a, b in ((0, 0), (1, 0), (1, 1), (0, 1))]
+                 for k in range(nz - 1) for j in range(ny) for i in range(nx)]
+        self.write("plate.mesh", "MeshVersionFormatted 2\nDimension 3\nVertices\n" + f"{len(rest)}\n" +
+                   "".join(f"{x!r} {y!r} {z!r} 0\n" for x, y, z in rest) + f"Hexahedra\n{len(cells)}\n" +
+                   "".join(" ".join(map(str, cell)) + " 0\n" for cell in cells) + "End\n")
+        plate = """\
+geometry: plate.mesh
+method: {ffd: {}}
+handles: [{name: strip, region: {box: {min: [1.1, -1, -1], max: [1.9, 2, 0]}}}]
+fixed:
+  - {half_space: {point: [0, 0, 1], normal: [0, 0, 1]}}
+  - {half_space: {point: [0, 0, 0], normal: [-1, 0, 0]}}
+  - {half_space: {point: [3, 0, 0], normal: [1, 0, 0]}}
+variables:
+  - {name: up, handle: strip, translate: [0, 0, 1]}
+  - {name: turn, handle: strip, rotate: {axis: [0, 1, 0], centre: [1.5, 0, 0]}}
+"""
+        self.write("free.yaml", plate)
+        keep = "constraints: [{name: wall, rigid: {layers: 4}, regions: [{box: {min: [-1, -1, -1], max: [4, 2, 0]}}]}]\n"
+        self.write("kept.yaml", plate + keep)
+
+        def heights(name, *more):
+            sets = ["--set", "up=0.1", "--set", "turn=0.15", *more]
+            told = self.deform("apply", name, *sets, "-o", "plate_out.mesh").out
+            report = self.deform("apply", name, *sets, "-o", "plate_out.mesh", "--json").json["report"]
+            with open(self.path("plate_out.mesh"), encoding="ascii") as file:
+                lines = file.read().split("Vertices\n")[1].splitlines()
+            points = [[float(word) for word in line.split()[:3]] for line in lines[1:1 + int(lines[0])]]
+            ratios = []
+            for k in range(4):
+                for j in range(ny):
+                    for i in range(nx):
+                        a, b, c, d = (points[at(*p, k) - 1] for p in ((i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)))
+                        u, v = [c[t] - a[t] for t in range(3)], [d[t] - b[t] for t in range(3)]
+                        n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
+                        up = [sum(points[at(*p, k + 1) - 1][t] - points[at(*p, k) - 1][t]
+                                  for p in ((i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1))) / 4 for t in range(3)]
+                        ratios.append(sum(x * y for x, y in zip(n, up)) / math.hypot(*n) / (levels[k + 1] - levels[k]))
+            return report, told, min(ratios), max(ratios)
+
+        _, _, least, largest = heights("free.yaml")
+        self.assertLess(least, 0.95)
+        report, told, least, largest = heights("kept.yaml")
+        self.assertGreater(least, 0.995)
+        self.assertLess(largest, 1.005)
+        (wall,) = report["constraints"]["residuals"]
+        self.assertAlmostEqual(wall["least_height"], least, delta=1e-3)
+        self.assertAlmostEqual(wall["largest_height"], largest, delta=1e-3)
+        self.assertLess(wall["free_least_height"], 0.95)
+        self.assertEqual(report["verdict"], "good")
+        self.assertIn("heights of its layers: ", told)
+        # A point above the wall that stays where it is while the wall moves, or the other way around, is told.
+        self.write("kept.yaml", plate
+                   .replace("max: [1.9, 2, 0]}}}]\n", "max: [1.9, 2, 0]}}}, {name: lifted, region: {ids: [%d]}}]\n" % (at(3, 2, 1) - 1))
+                   .replace("fixed:\n", "fixed:\n  - {ids: [%d]}\n" % (at(3, 2, 0) - 1)) +
+                   "  - {name: lift, handle: lifted, translate: [0, 0, 1]}\n" + keep)
+        report, told, least, largest = heights("kept.yaml", "--set", "lift=5e-5")
+        self.assertGreater(largest, 1.1)
+        self.assertEqual(report["verdict"], "doubtful")
+        self.assertTrue(any('the heights of the layers of "wall" are ' in reason for reason in report["reasons"]), report["reasons"])
+
     def test_few_iterations_are_reported(self):
         self.write("plate.obj", plate())
         self.write("few.yaml", setup("{mls: {}}", f"{CIRCLE}\nconstraint_options: {{iterations: 1, tolerance: 1e-12}}"))

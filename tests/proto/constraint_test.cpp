@@ -332,6 +332,21 @@ TEST(ConvertConstraint, ReportsTellHowTheSolutionWent) {
   EXPECT_TRUE(message.residuals(0).missed());
 }
 
+TEST(ConvertConstraint, HeightsOfLayersAreThoseOfTheReport) {
+  const auto setup = setup_from_proto(with(R"({"constraints": [{"name": "c", "planar": {}}, {"name": "d", "planar": {}}]})"), 10);
+  DesignReport report;
+  report.constraints.resize(2);
+  report.constraints[1].heights = {0.9, 1.1};
+  report.constraints[1].heights_before = {0.8, 1.2};
+  const v1::ConstraintsReport message = constraints_report(report, setup);
+  EXPECT_FALSE(message.residuals(0).has_least_height());
+  EXPECT_FALSE(message.residuals(0).has_free_largest_height());
+  EXPECT_EQ(message.residuals(1).least_height(), 0.9);
+  EXPECT_EQ(message.residuals(1).largest_height(), 1.1);
+  EXPECT_EQ(message.residuals(1).free_least_height(), 0.8);
+  EXPECT_EQ(message.residuals(1).free_largest_height(), 1.2);
+}
+
 TEST(ConvertConstraint, ExactSetsThatWereGivenUpAreNamedInAWarning) {
   const auto setup = setup_from_proto(
       with(R"({"constraints": [{"name": "rim", "planar": {}}, {"name": "bore", "planar": {}}, {"name": "top", "planar": {}}]})"),

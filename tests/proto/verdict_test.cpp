@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <functional>
 #include <limits>
 #include <string>
@@ -24,6 +25,14 @@ v1::DesignResult good_result() {
   result.mutable_cells()->set_inverted_at_rest(3);  // the fault of the mesh, not of the design
   result.mutable_constraints()->add_residuals()->set_name("bore");
   return result;
+}
+
+void set_heights(double least, double largest, v1::DesignResult& result) {
+  v1::ConstraintResidual& residual = *result.mutable_constraints()->mutable_residuals(0);
+  residual.set_least_height(least);
+  residual.set_largest_height(largest);
+  residual.set_free_least_height(0.75);
+  residual.set_free_largest_height(1.5);
 }
 
 const SolutionFacts good_facts{.diagonal = 1, .condition = 1e6, .converged = true, .torn_edges = 0};
@@ -180,6 +189,11 @@ const std::vector<Case> cases = {
     {"missed", [](auto&, auto& r) { r.mutable_constraints()->mutable_residuals(0)->set_missed(true); }, v1::VERDICT_BAD,
      "exact constraints are missed: \"bore\""},
     {"given_up", [](auto&, auto& r) { r.mutable_constraints()->set_exact_given_up(true); }, v1::VERDICT_BAD, "given up"},
+    {"heights", [](auto&, auto& r) { set_heights(0.9901, 1.0099, r); }, v1::VERDICT_GOOD, ""},
+    {"low_layers", [](auto&, auto& r) { set_heights(0.907, 1, r); }, v1::VERDICT_DOUBTFUL,
+     "the heights of the layers of \"bore\" are 0.907 to 1 of those at rest, without the constraint 0.75 to 1.5"},
+    {"high_layers", [](auto&, auto& r) { set_heights(1, 1.02, r); }, v1::VERDICT_DOUBTFUL, "are 1 to 1.02 of those at rest"},
+    {"layers_nowhere", [](auto&, auto& r) { set_heights(std::nan(""), 1, r); }, v1::VERDICT_DOUBTFUL, "of those at rest"},
 };
 
 class Verdict : public testing::TestWithParam<Case> {};

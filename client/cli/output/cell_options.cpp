@@ -147,6 +147,11 @@ void print_constraints(const v1::ConstraintsReport& constraints, std::ostream& o
         << number_text(residual.rms()) << " (without constraints " << number_text(residual.free_largest()) << ", "
         << number_text(residual.free_rms()) << ')'
         << (residual.missed() ? ", NOT EXACT: it contradicts others, or points that are held\n" : "\n");
+    if (residual.has_least_height()) {
+      out << "    heights of its layers: " << number_text(residual.least_height()) << " to "
+          << number_text(residual.largest_height()) << " of those at rest (without constraints "
+          << number_text(residual.free_least_height()) << " to " << number_text(residual.free_largest_height()) << ")\n";
+    }
   }
   if (constraints.exact_given_up()) out << "  exact placement GIVEN UP for some constraints, see the warnings\n";
   out << "  constraints " << (constraints.converged() ? "converged" : "DID NOT CONVERGE") << " in " << constraints.iterations()

@@ -21,6 +21,7 @@ constexpr std::size_t grown = 3 * sizeof(Triplet);  // of a vector that grows: t
 constexpr std::size_t small_assembly = std::size_t{64} << 20;
 constexpr std::size_t shape_bytes = 64;  // of a point in a projection
 constexpr std::size_t most_parameters = 7, few_set_points = 64;
+constexpr std::size_t column_cover = 2;  // functions of a column, over those of a point
 
 /// The counts that determine the memory.
 struct Counts {
@@ -31,6 +32,7 @@ struct Counts {
   std::size_t energy = 0;         ///< of S, lower triangle
   std::size_t borders = 0;        ///< of the rows of the translations
   std::size_t full = 0;           ///< unknowns of Newton's full matrix
+  std::size_t columns = 0;        ///< points of columns of cells
   std::size_t large = 0;          ///< sets whose parameters Newton's sparse matrix has last
   std::size_t newton_factor = 0;  ///< bytes of its factor but for these, with one unknown per function
   /// Bytes from which the matrix itself is made, at most.
@@ -43,7 +45,8 @@ struct Counts {
 Counts counts_of(const std::vector<ConstraintSet>& sets) {
   Counts counts;
   for (const ConstraintSet& set : sets) {
-    counts.newton.add(*set.projection, set.rest);
+    counts.newton.add(set.solved_projection(), set.solved_rest());
+    if (set.column) counts.columns += set.ids.size();
     counts.large += set.ids.size() > few_set_points ? 1 : 0;
   }
   return counts;
@@ -79,7 +82,7 @@ std::size_t newton_bytes(const Counts& counts, NewtonForm form) {
 ConstrainedBytes total(const Counts& counts, NewtonForm form) {
   const NewtonSizes& sizes = counts.newton;
   const std::size_t N = sizes.points, r = sizes.functions;
-  const std::size_t points = N * (sizeof(Vec3) + sizeof(PointId));
+  const std::size_t points = N * (sizeof(Vec3) + sizeof(PointId)) + counts.columns * StretchedColumn::point_bytes;
   const std::size_t rows = 2 * (counts.phi * form_entry_bytes + (N + 1) * sizeof(std::int64_t));  // Phi and its transpose
   const std::size_t compliance = form == NewtonForm::forces ? N * N * sizeof(double) : 0;
   const std::size_t lower = std::min(counts.energy + counts.squares, r * (r + 1) / 2) + counts.borders;
@@ -101,6 +104,46 @@ ConstrainedBytes total(const Counts& counts, NewtonForm form) {
 ConstrainedBytes larger(const ConstrainedBytes& a, const ConstrainedBytes& b) {
   return {std::max(a.resident, b.resident), std::max(a.preparing, b.preparing), std::max(a.working, b.working),
           std::max(a.operations, b.operations)};
+}
+
+/// The functions at the points of a set, ascending. Points of one set have most of them in common.
+std::vector<std::int64_t> functions_of(const ConstraintSet& set, const FunctionRows& values) {
+  std::vector<std::int64_t> reached;
+  for (const PointId id : set.ids) {
+    values.for_each(id, [&](std::int64_t column, double) { reached.push_back(column); });
+  }
+  std::sort(reached.begin(), reached.end());
+  reached.erase(std::unique(reached.begin(), reached.end()), reached.end());
+  return reached;
+}
+
+/// The lower triangle of a matrix with further couplings: of all functions of each group.
+SparseMatrix coupled(const SparseMatrix& matrix, const std::vector<std::vector<std::int64_t>>& groups) {
+  const auto size = static_cast<std::size_t>(matrix.cols());
+  std::vector<std::vector<std::uint32_t>> groups_of(size);  // of a function
+  for (std::size_t g = 0; g < groups.size(); ++g) {
+    for (const std::int64_t column : groups[g]) {
+      groups_of[static_cast<std::size_t>(column)].push_back(static_cast<std::uint32_t>(g));
+    }
+  }
+  SparseMatrix pattern(matrix.rows(), matrix.cols());
+  pattern.reserve(matrix.nonZeros());
+  std::vector<std::int64_t> seen_in(size, -1), rows;
+  for (std::int64_t j = 0; j < matrix.cols(); ++j) {
+    rows.clear();
+    const auto meet = [&](std::int64_t i) {
+      if (std::exchange(seen_in[static_cast<std::size_t>(i)], j) != j) rows.push_back(i);
+    };
+    for (SparseMatrix::InnerIterator it(matrix, j); it; ++it) meet(it.row());
+    for (const std::uint32_t group : groups_of[static_cast<std::size_t>(j)]) {
+      std::for_each(std::lower_bound(groups[group].begin(), groups[group].end(), j), groups[group].end(), meet);
+    }
+    std::sort(rows.begin(), rows.end());
+    pattern.startVec(j);
+    for (const std::int64_t i : rows) pattern.insertBack(i, j) = 1.0;
+  }
+  pattern.finalize();
+  return pattern;
 }
 
 /// The pattern of the matrix of the global step: S, which contains that of Phi^T Phi if each point has one function, and the rows
@@ -136,48 +179,13 @@ SparseMatrix pattern(const SparseMatrix& matrix, const FunctionRows& values, con
   return result;
 }
 
-/// The functions at the points of a set, ascending. Points of one set have most of them in common.
-std::vector<std::int64_t> functions_of(const ConstraintSet& set, const FunctionRows& values) {
-  std::vector<std::int64_t> reached;
-  for (const PointId id : set.ids) {
-    values.for_each(id, [&](std::int64_t column, double) { reached.push_back(column); });
-  }
-  std::sort(reached.begin(), reached.end());
-  reached.erase(std::unique(reached.begin(), reached.end()), reached.end());
-  return reached;
-}
-
 /// Newton's sparse matrix eliminates the parameters of small sets first, so that all functions at their points meet.
 std::size_t newton_factor_bytes(const SparseMatrix& matrix, const FunctionRows& values, const std::vector<ConstraintSet>& sets) {
-  const auto size = static_cast<std::size_t>(matrix.cols());
-  std::vector<std::vector<std::int64_t>> reached;         // by the small sets
-  std::vector<std::vector<std::uint32_t>> sets_of(size);  // that reach a function
+  std::vector<std::vector<std::int64_t>> reached;  // by the small sets
   for (const ConstraintSet& set : sets) {
-    if (set.ids.size() > few_set_points) continue;
-    reached.push_back(functions_of(set, values));
-    for (const std::int64_t column : reached.back()) {
-      sets_of[static_cast<std::size_t>(column)].push_back(static_cast<std::uint32_t>(reached.size() - 1));
-    }
+    if (set.ids.size() <= few_set_points) reached.push_back(functions_of(set, values));
   }
-  SparseMatrix pattern(matrix.rows(), matrix.cols());
-  pattern.reserve(matrix.nonZeros());
-  std::vector<std::int64_t> seen_in(size, -1), rows;
-  for (std::int64_t j = 0; j < matrix.cols(); ++j) {
-    rows.clear();
-    const auto meet = [&](std::int64_t i) {
-      if (std::exchange(seen_in[static_cast<std::size_t>(i)], j) != j) rows.push_back(i);
-    };
-    for (SparseMatrix::InnerIterator it(matrix, j); it; ++it) meet(it.row());
-    for (const std::uint32_t set : sets_of[static_cast<std::size_t>(j)]) {
-      const auto& others = reached[set];
-      std::for_each(std::lower_bound(others.begin(), others.end(), j), others.end(), meet);
-    }
-    std::sort(rows.begin(), rows.end());
-    pattern.startVec(j);
-    for (const std::int64_t i : rows) pattern.insertBack(i, j) = 1.0;
-  }
-  pattern.finalize();
-  return SparseCholesky::estimate(pattern, SparseCholesky::fill_reducing_order(matrix)).factor_bytes;
+  return SparseCholesky::estimate(coupled(matrix, reached), SparseCholesky::fill_reducing_order(matrix)).factor_bytes;
 }
 
 }  // namespace
@@ -190,9 +198,16 @@ ConstrainedBytes constrained_bytes(const SparseMatrix& matrix, const FunctionRow
   counts.unknowns = static_cast<std::size_t>(matrix.rows());
   const bool dense = ReducedEnergy::is_dense(chosen.size(), counts.unknowns);
   const std::size_t r = dense ? chosen.size() : counts.unknowns;
+  std::vector<std::vector<std::int64_t>> columns;  // functions of those
   for (const ConstraintSet& set : sets) {
     std::size_t reached = 0;
+    if (set.column) {
+      columns.push_back(functions_of(set, values));
+      counts.cover = std::max(counts.cover, columns.back().size());
+      reached = set.ids.size() * columns.back().size();
+    }
     for (const PointId id : set.ids) {
+      if (set.column) break;
       const std::size_t count = values.count(id);
       counts.cover = std::max(counts.cover, count);
       reached += count;
@@ -200,19 +215,21 @@ ConstrainedBytes constrained_bytes(const SparseMatrix& matrix, const FunctionRow
     counts.phi += reached;
     counts.borders += set.projection->moves_with_its_points() ? reached + 1 : 0;
   }
-  // Functions that meet at a point meet in the energy, too.
-  const auto couplings = static_cast<std::size_t>(matrix.nonZeros());
+  // Functions that meet at a point meet in the energy, too; those that meet in a column need not.
+  const SparseMatrix met = columns.empty() ? SparseMatrix() : coupled(matrix, columns);
+  const SparseMatrix& meeting = columns.empty() ? matrix : met;
+  const auto couplings = static_cast<std::size_t>(meeting.nonZeros());
   counts.squares = counts.cover == 1 ? chosen.size() : std::min(couplings, chosen.size() * (chosen.size() + 1) / 2);
   counts.energy = dense ? r * (r + 1) / 2 : static_cast<std::size_t>(matrix.nonZeros());
   counts.reduced = ReducedEnergy::estimate(matrix, chosen);
-  counts.global_step = SparseCholesky::estimate(pattern(matrix, values, chosen, dense, sets));
+  counts.global_step = SparseCholesky::estimate(pattern(meeting, values, chosen, dense, sets));
   counts.newton.functions = r;
   counts.full = 3 * r + counts.newton.parameters;
   counts.newton.dense = dense;
   counts.newton.factor_bytes = counts.global_step.factor_bytes;
   counts.newton.factor_operations = counts.global_step.flops;
   const NewtonForm form = cheapest_newton(counts.newton, 0).form;
-  if (form == NewtonForm::sparse) counts.newton_factor = newton_factor_bytes(matrix, values, sets);
+  if (form == NewtonForm::sparse) counts.newton_factor = newton_factor_bytes(meeting, values, sets);
   return total(counts, form);
 }
 
@@ -220,15 +237,17 @@ ConstrainedBytes constrained_bytes(const SpaceCounts& space, const std::vector<C
   if (sets.empty()) return {};
   const Counts common = counts_of(sets);
   const std::size_t N = common.newton.points, k = space.functions;
-  const std::size_t reached = std::min({k, N * space.cover, space.reaching});
+  // The rows of a column have the functions of several points.
+  const std::size_t cover = std::min(k, common.columns > 0 ? column_cover * space.cover : space.cover);
+  const std::size_t reached = std::min({k, N * cover, space.reaching});
   const auto counts_for = [&](std::size_t r, bool dense) {
     Counts counts = common;
     counts.unknowns = k;
-    counts.cover = space.cover;
-    counts.phi = N * space.cover;
-    counts.squares = std::min(r * (r + 1) / 2, N * space.cover * (space.cover + 1) / 2);
+    counts.cover = cover;
+    counts.phi = N * cover;
+    counts.squares = std::min(r * (r + 1) / 2, N * cover * (cover + 1) / 2);
     counts.energy = dense ? r * (r + 1) / 2 : space.energy_entries;
-    for (const ConstraintSet& set : sets) counts.borders += 1 + std::min(r, set.ids.size() * space.cover);
+    for (const ConstraintSet& set : sets) counts.borders += 1 + std::min(r, set.ids.size() * cover);
     const std::size_t entries = (dense ? r * r : space.factor_entries) + counts.borders;
     counts.global_step.factor_bytes = sizeof(double) * (entries + 8 * (r + sets.size() + 1));
     counts.global_step.peak_bytes = 2 * counts.global_step.factor_bytes + 2 * (counts.energy + counts.borders) * form_entry_bytes;

@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/deformers/constrained/constrained_points.h"
 
+#include <algorithm>
+#include <span>
 #include <utility>
 
 #include "core/base/vectors.h"
+#include "core/deformers/constrained/sparse_sum.h"
 
 namespace deform {
 
@@ -27,11 +30,25 @@ ConstrainedPoints::ConstrainedPoints(std::vector<ConstraintSet> sets, const Func
   std::vector<std::int64_t> place(static_cast<std::size_t>(values.cols()), -1);
   for (std::int64_t i = 0; i < r; ++i) place[static_cast<std::size_t>(energy.function(static_cast<std::size_t>(i)))] = i;
   std::vector<Eigen::Triplet<double, std::int64_t>> rows;
+  SparseSum sum(r);
   for (const ConstraintSet& set : sets_) {
-    for (std::size_t i = 0; i < set.ids.size(); ++i) {
-      values.for_each(set.ids[i], [&](std::int64_t column, double value) {
-        rows.emplace_back(static_cast<std::int64_t>(first_.back() + i), place[static_cast<std::size_t>(column)], value);
+    const auto row_of = [&](std::size_t i) { return static_cast<std::int64_t>(first_.back() + i); };
+    if (set.column) {
+      set.column->for_each_row([&](std::size_t row, std::span<const StretchedColumn::Entry> entries) {
+        sum.clear();
+        for (const auto& [point, factor] : entries) {
+          values.for_each(set.ids[point], [&, by = factor](std::int64_t column, double value) {
+            sum.add(place[static_cast<std::size_t>(column)], by * value);
+          });
+        }
+        for (const std::int64_t column : sum.places()) rows.emplace_back(row_of(row), column, sum.value(column));
       });
+    } else {
+      for (std::size_t i = 0; i < set.ids.size(); ++i) {
+        values.for_each(set.ids[i], [&](std::int64_t column, double value) {
+          rows.emplace_back(row_of(i), place[static_cast<std::size_t>(column)], value);
+        });
+      }
     }
     first_.push_back(first_.back() + set.ids.size());
   }
@@ -48,7 +65,32 @@ ConstrainedPoints::ConstrainedPoints(std::vector<ConstraintSet> sets, const Func
 }
 
 std::size_t ConstrainedPoints::bytes() const {
-  return sparse_bytes(phi_) + sparse_bytes(transposed_) + count() * (sizeof(Vec3) + sizeof(PointId));
+  std::size_t bytes = sparse_bytes(phi_) + sparse_bytes(transposed_) + count() * (sizeof(Vec3) + sizeof(PointId));
+  for (const ConstraintSet& set : sets_) bytes += set.column ? set.ids.size() * StretchedColumn::point_bytes : 0;
+  return bytes;
+}
+
+std::vector<Vec3> ConstrainedPoints::stretched(std::vector<Vec3> x) const {
+  for (std::size_t t = 0; t < sets_.size(); ++t) {
+    if (!sets_[t].column) continue;
+    const std::vector<Vec3> y = sets_[t].column->stretched({x.data() + first(t), size(t)});
+    std::copy(y.begin(), y.end(), x.begin() + static_cast<std::ptrdiff_t>(first(t)));
+  }
+  return x;
+}
+
+std::vector<Vec3> ConstrainedPoints::stretched_adjoint(std::vector<Vec3> y) const {
+  for (std::size_t t = 0; t < sets_.size(); ++t) {
+    if (!sets_[t].column) continue;
+    const std::vector<Vec3> x = sets_[t].column->adjoint({y.data() + first(t), size(t)});
+    std::copy(x.begin(), x.end(), y.begin() + static_cast<std::ptrdiff_t>(first(t)));
+  }
+  return y;
+}
+
+std::vector<Vec3> ConstrainedPoints::mesh_points(std::size_t set, const std::vector<Vec3>& points) const {
+  const std::span<const Vec3> own{points.data() + first(set), size(set)};
+  return sets_[set].column ? sets_[set].column->unstretched(own) : std::vector<Vec3>(own.begin(), own.end());
 }
 
 std::vector<Vec3> ConstrainedPoints::displacements(const Eigen::MatrixXd& v) const {
@@ -77,8 +119,8 @@ std::vector<Vec3> ConstrainedPoints::projection_residual_change(const std::vecto
   std::vector<Vec3> result(dx.size());
   for (std::size_t t = 0; t < sets_.size(); ++t) {
     const std::size_t begin = first(t), count = size(t);
-    sets_[t].projection->derivative({points.data() + begin, count}, shapes[t], {dx.data() + begin, count},
-                                    {result.data() + begin, count});
+    sets_[t].solved_projection().derivative({points.data() + begin, count}, shapes[t], {dx.data() + begin, count},
+                                            {result.data() + begin, count});
   }
   for (std::size_t i = 0; i < dx.size(); ++i) result[i] = dx[i] - result[i];
   return result;

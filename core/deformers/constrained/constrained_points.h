@@ -10,6 +10,7 @@
 
 #include "core/constraints/projection.h"
 #include "core/deformers/constrained/reduced_energy.h"
+#include "core/deformers/constrained/stretched_column.h"
 #include "core/mesh/mesh.h"
 #include "core/numerics/sparse/function_rows.h"
 #include "core/numerics/sparse/sparse.h"
@@ -23,13 +24,19 @@ struct ConstraintSet {
   std::vector<PointId> ids;  ///< points of all its regions, region by region
   std::vector<Vec3> rest;    ///< rest positions of these points
   double weight = 0;         ///< gamma_c, the weight of the mean squared distance from the projection
+  /// If not null, the solver sees the points as those of this column: the projection and the rest positions that it works with
+  /// are solved_projection() and solved_rest(). Reports and exact placement work with those of the points themselves.
+  std::shared_ptr<const StretchedColumn> column{};
+
+  const Projection& solved_projection() const { return column ? column->projection() : *projection; }
+  const std::vector<Vec3>& solved_rest() const { return column ? column->rest() : rest; }
 };
 
 /// The functions that are nonzero at some point of the sets, ascending. `values` is n x k, for all points of the mesh.
 std::vector<std::int64_t> functions_reaching(const FunctionRows& values, const std::vector<ConstraintSet>& sets);
 
-/// The points of all sets, set by set, and their displacements Phi v, where the N x r matrix Phi has the functions of a
-/// ReducedEnergy as columns. Immutable; any thread.
+/// The points of all sets as the solver sees them (ConstraintSet::column), set by set, and their displacements Phi v, where the
+/// N x r matrix Phi has the functions of a ReducedEnergy as columns. Immutable; any thread.
 class ConstrainedPoints {
  public:
   /// `values` is n x k, for all points of the mesh.
@@ -44,6 +51,13 @@ class ConstrainedPoints {
   const SparseRows& phi() const { return phi_; }
   const SparseMatrix& weighted_transposed() const { return transposed_; }  ///< Phi^T times the weights per point, r x N
   std::size_t bytes() const;
+
+  /// Vectors at the points of the mesh as vectors at those of the solver, and the transpose. Points of a set that is a column
+  /// become those of the stretched one.
+  std::vector<Vec3> stretched(std::vector<Vec3> x) const;
+  std::vector<Vec3> stretched_adjoint(std::vector<Vec3> y) const;
+  /// The points of the mesh of a set, from all points of the solver.
+  std::vector<Vec3> mesh_points(std::size_t set, const std::vector<Vec3>& points) const;
 
   /// Returns Phi v (N) for v of size r x 3.
   std::vector<Vec3> displacements(const Eigen::MatrixXd& v) const;

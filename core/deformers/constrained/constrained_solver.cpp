@@ -78,8 +78,8 @@ void ConstrainedSolver::evaluate(const Case& c, ConstrainedState& state) const {
       for (std::size_t i = first; i < first + count; ++i) {
         for (std::size_t k = 0; k < 3; ++k) state.points[i][k] += c.unconstrained[i][k];
       }
-      state.squares[t] = sets()[t].projection->project({state.points.data() + first, count},
-                                                       {state.targets.data() + first, count}, state.shapes[t]);
+      state.squares[t] = sets()[t].solved_projection().project({state.points.data() + first, count},
+                                                               {state.targets.data() + first, count}, state.shapes[t]);
     }
   });
   state.objective = state.v.cwiseProduct(reduced_.times(state.v)).sum();
@@ -168,6 +168,7 @@ ConstrainedResult ConstrainedSolver::solve(const Eigen::MatrixXd& h, const std::
                                            const ConstrainedStart* start_from) const {
   const EnergySolver::Problem& problem = solver_.problem();
   ConstrainedResult result;
+  const std::vector<Vec3> moved = points_.stretched(offsets);
   Eigen::MatrixXd loads = solver_.loads(h, context);
   Eigen::MatrixXd free;  // the solution without constraints
   Case c{{}, context};
@@ -175,12 +176,14 @@ ConstrainedResult ConstrainedSolver::solve(const Eigen::MatrixXd& h, const std::
     free = solver_.solve_loads(loads, context);
     c.unconstrained = points_.displacements(reduced_.restricted(free));
     for (std::size_t t = 0; t < sets().size(); ++t) {
+      const std::vector<Vec3>& rest = sets()[t].solved_rest();
       for (std::size_t i = points_.first(t); i < points_.first(t + 1); ++i) {
-        for (std::size_t k = 0; k < 3; ++k) c.unconstrained[i][k] += sets()[t].rest[i - points_.first(t)][k] + offsets[i][k];
+        for (std::size_t k = 0; k < 3; ++k) c.unconstrained[i][k] += rest[i - points_.first(t)][k] + moved[i][k];
       }
     }
   };
   start();
+  result.free = free;
   result.before.v = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(reduced_.size()), 3);
   evaluate(c, result.before);
   result.after = result.before;
@@ -354,7 +357,7 @@ Eigen::MatrixXd ConstrainedSolver::derivative(const ConstrainedResult& at, const
   const Eigen::MatrixXd w = linearized_solution(at.after, solver_.right_side(loads), context);
   if (solver_.problem().enforcement != HandleEnforcement::eliminated) return w;
   // The effect of the offsets on the distances acts like a force.
-  const Eigen::MatrixXd force = points_.weighted_sums(residual_change(at.after, offsets));
+  const Eigen::MatrixXd force = points_.weighted_sums(residual_change(at.after, points_.stretched(offsets)));
   const auto newton = newton_at(at.after, context);
   return w - reduced_.extended(solve_linearized(at.after, newton.get(), force, whole_accuracy, context), context);
 }
@@ -377,6 +380,7 @@ ConstrainedSolver::Adjoint ConstrainedSolver::adjoint(const ConstrainedResult& a
         for (double& value : result.offsets[i]) value *= -points_.weight_per_point(t);
       }
     }
+    result.offsets = points_.stretched_adjoint(std::move(result.offsets));
     return result;
   }
   Eigen::MatrixXd sum = Eigen::MatrixXd::Zero(x.rows(), x.cols());

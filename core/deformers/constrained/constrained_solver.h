@@ -16,7 +16,7 @@
 
 namespace deform {
 
-/// An iterate of a constrained solution.
+/// An iterate of a constrained solution. Points are those that the solver sees (ConstraintSet::column).
 struct ConstrainedState {
   Eigen::MatrixXd v;         ///< r x 3: change of the coefficients that reach the sets, relative to the unconstrained deformation
   std::vector<Vec3> points;  ///< N: the points of all sets, set by set
@@ -38,11 +38,12 @@ struct ConstrainedResult {
   ConstrainedState after;
   std::vector<ConstrainedState> rounds;  ///< with multipliers: the results of all rounds but the last
   Eigen::MatrixXd w;                     ///< k x 3: all coefficients of `after`
+  Eigen::MatrixXd free;                  ///< k x 3: those of `before`
   std::vector<double> objectives;        ///< after each accepted iteration of the last round, nonincreasing
   int iterations = 0;                    ///< global steps of all rounds
   int newton_steps = 0;
   bool converged = false;
-  double error = 0;  ///< estimated rms distance of the points from the solution, unit coordinates
+  double error = 0;  ///< estimated rms distance of the points that the solver sees from the solution, unit coordinates
   /// Estimated changes of w that lead from the result of each round to its solution, and to those of rounds that were not
   /// made; k x 3 each.
   std::vector<Eigen::MatrixXd> left;
@@ -73,7 +74,7 @@ struct ConstrainedResult {
 class ConstrainedSolver {
  public:
   struct Options {
-    double tolerance = 1e-7;     ///< unit coordinates, rms over the points of the sets
+    double tolerance = 1e-7;     ///< unit coordinates, rms over the points of the sets as the solver sees them
     int most_iterations = 3000;  ///< for one design
     int patience = 0;            ///< iterations before Newton steps; 0 = by cost, 4..150
   };
@@ -86,6 +87,9 @@ class ConstrainedSolver {
   std::size_t bytes() const;
   /// The approximate memory of one solution or derivative, mostly for a Newton step.
   std::size_t working_bytes() const;
+
+  /// The points of the mesh of a set in a state.
+  std::vector<Vec3> mesh_points(std::size_t set, const ConstrainedState& at) const { return points_.mesh_points(set, at.points); }
 
   /// h: m x 3 prescribed displacements of EnergySolver. offsets: N displacements of the points of the sets, nonzero only where
   /// all functions vanish (eliminated handle and fixed points). start: that of a similar design, or null; used if it is better

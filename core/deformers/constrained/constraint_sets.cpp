@@ -26,14 +26,26 @@ ConstraintSet set_of(const Constraint& constraint, const std::vector<std::vector
   return set;
 }
 
+/// The column of a set, whose ids ascend.
+std::shared_ptr<const StretchedColumn> stretched(const WallColumns::Stack& stack, const ConstraintSet& set) {
+  StretchedColumn::Corners corners{stack.sides, {}};
+  for (const PointId id : stack.corners) {
+    const auto place = std::lower_bound(set.ids.begin(), set.ids.end(), id) - set.ids.begin();
+    corners.places.push_back(static_cast<std::uint32_t>(place));
+  }
+  return std::make_shared<const StretchedColumn>(std::move(corners), set.rest);
+}
+
 /// A set for every column of cells, with its part of the weight.
 void add_columns(const Constraint& constraint, const WallColumns& columns, int layers, const Mesh& mesh, const UnitBox& box,
                  const std::string& what, ConstraintSets& result) {
   std::size_t points = 0;
   for (const std::vector<PointId>& column : columns.points) points += column.size();
-  for (const std::vector<PointId>& column : columns.points) {
+  for (std::size_t c = 0; c < columns.points.size(); ++c) {
+    const std::vector<PointId>& column = columns.points[c];
     ConstraintSet& set = result.sets.emplace_back(set_of(constraint, {column}, mesh, box, what));
     set.weight *= static_cast<double>(column.size()) / static_cast<double>(points);
+    set.column = stretched(columns.stacks[c], set);
   }
   result.notes.push_back(constraint.name + ": " + std::to_string(columns.points.size()) + " rigid columns of cells, " +
                          std::to_string(columns.shorter) + " of them of fewer than " + std::to_string(layers) + " layers; " +

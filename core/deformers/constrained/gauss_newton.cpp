@@ -26,7 +26,7 @@ GaussNewton::GaussNewton(const ConstrainedPoints& points, const ReducedEnergy& e
                          std::size_t memory_limit, const RunContext& context)
     : points_(points), energy_(energy) {
   NewtonSizes sizes;
-  for (const ConstraintSet& set : points_.sets()) sizes.add(*set.projection, set.rest);
+  for (const ConstraintSet& set : points_.sets()) sizes.add(set.solved_projection(), set.solved_rest());
   sizes.functions = energy_.size();
   sizes.dense = energy_.dense();
   sizes.factor_bytes = global_step.bytes();
@@ -89,7 +89,8 @@ void GaussNewton::Matrix::linearize(const std::vector<Vec3>& points, const std::
   linear_.resize(shapes.size());
   parallel_for(context, shapes.size(), 64, [&](std::size_t begin, std::size_t end) {
     for (std::size_t t = begin; t < end; ++t) {
-      linear_[t] = points_.sets()[t].projection->linearize({points.data() + points_.first(t), points_.size(t)}, shapes[t]);
+      linear_[t] =
+          points_.sets()[t].solved_projection().linearize({points.data() + points_.first(t), points_.size(t)}, shapes[t]);
     }
   });
   size_ = functions_;

@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/deformers/constrained/global_step.h"
 
-#include <algorithm>
-
 #include "core/base/parallel.h"
+#include "core/deformers/constrained/sparse_sum.h"
 
 namespace deform {
 
@@ -17,46 +16,6 @@ GlobalStep::GlobalStep(const ConstrainedPoints& points, const ReducedEnergy& ene
   factor_ = std::make_unique<const SparseCholesky>(EnergySolver::factored(matrix(size), memory_limit, context));
 }
 
-namespace {
-
-/// A column of a sparse matrix that is being summed: the rows where it has an entry, and their values.
-class ColumnSum {
- public:
-  explicit ColumnSum(std::int64_t size) : value_(static_cast<std::size_t>(size)), has_(static_cast<std::size_t>(size), false) {}
-
-  void add(std::int64_t row, double value) {
-    const auto i = static_cast<std::size_t>(row);
-    if (!has_[i]) {
-      has_[i] = true;
-      rows_.push_back(row);
-      value_[i] = value;
-    } else {
-      value_[i] += value;
-    }
-  }
-
-  std::size_t count() const { return rows_.size(); }
-  double value(std::int64_t row) const { return value_[static_cast<std::size_t>(row)]; }
-
-  /// Ascending.
-  const std::vector<std::int64_t>& rows() {
-    std::sort(rows_.begin(), rows_.end());
-    return rows_;
-  }
-
-  void clear() {
-    for (const std::int64_t row : rows_) has_[static_cast<std::size_t>(row)] = false;
-    rows_.clear();
-  }
-
- private:
-  std::vector<double> value_;
-  std::vector<bool> has_;
-  std::vector<std::int64_t> rows_;
-};
-
-}  // namespace
-
 /// Column by column, once to count and once to fill, so that nothing larger than the matrix is held.
 SparseMatrix GlobalStep::matrix(std::int64_t size) const {
   const SparseMatrix& weighted = points_.weighted_transposed();
@@ -64,7 +23,7 @@ SparseMatrix GlobalStep::matrix(std::int64_t size) const {
   std::vector<std::int64_t> translation_of;
   for (std::size_t t = 0; t < translation_.size(); ++t) translation_of.resize(points_.first(t + 1), translation_[t]);
 
-  ColumnSum column(size);
+  SparseSum column(size);
   const auto sum_column = [&](std::int64_t c) {
     column.clear();
     for (SparseMatrix::InnerIterator at(phi, c); at; ++at) {
@@ -88,7 +47,7 @@ SparseMatrix GlobalStep::matrix(std::int64_t size) const {
   result.reserve(counts);
   for (std::int64_t c = 0; c < phi.cols(); ++c) {
     sum_column(c);
-    for (const std::int64_t row : column.rows()) result.insert(row, c) = column.value(row);
+    for (const std::int64_t row : column.places()) result.insert(row, c) = column.value(row);
   }
   for (std::size_t t = 0; t < translation_.size(); ++t) {
     if (translation_[t] >= 0) result.insert(translation_[t], translation_[t]) = points_.sets()[t].weight;

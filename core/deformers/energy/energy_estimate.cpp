@@ -11,6 +11,7 @@
 #include "core/deformers/constrained/energy_solver.h"
 #include "core/deformers/constrained/exact_placement.h"
 #include "core/deformers/energy/exact_step.h"
+#include "core/deformers/energy/layer_step.h"
 #include "core/deformers/energy/residual_correction.h"
 #include "core/deformers/energy/spaces/lattice_space.h"
 #include "core/deformers/energy/spaces/mls.h"
@@ -279,10 +280,13 @@ Estimate estimate_of(const Options& options, const Mesh& mesh, const Setup& setu
   std::size_t set_points = 0;
   for (const ConstraintSet& set : constraints.sets) set_points += set.ids.size();
   const bool placed = placement.resident > 0;
+  std::size_t column_points = 0;
+  for (const ConstraintSet& set : constraints.sets) column_points += set.column ? set.ids.size() : 0;
+  const std::size_t layers = column_points > 0 ? LayerStep::bytes_for(column_points, following) : 0;
   const std::size_t places =
       (corrected || placed ? tiled_bytes(following) : 0) + (corrected || placed ? tiled_bytes(set_points) : 0);
   const std::size_t before_sets = solver + correction.resident + places;
-  const std::size_t before_placement = before_sets + sizes.constrained.resident;
+  const std::size_t before_placement = before_sets + sizes.constrained.resident + layers;
   estimate.factor_bytes = before_placement + placement.resident;
 
   const std::size_t fields = 4 * regions.handles.size();
@@ -294,7 +298,7 @@ Estimate estimate_of(const Options& options, const Mesh& mesh, const Setup& setu
   estimate.resident_bytes = estimate.factor_bytes + estimate.basis_bytes + points + checked * fields * sizeof(double);
   const std::size_t making = basis ? HandleBasis::peak_bytes_for(following, fields, options.basis_tolerance) : 0;
   const std::size_t solving = making + 8 * sizes.functions * 3 * sizeof(double);
-  const std::size_t working = sizes.constrained.working + placement.working;
+  const std::size_t working = sizes.constrained.working + placement.working + 12 * column_points * sizeof(Vec3);
   // The sets are there from the beginning.
   estimate.peak_bytes = points + 2 * set_points * (sizeof(Vec3) + sizeof(PointId)) +
                         std::max({sizes.assembly, sizes.matrices + std::max(sizes.making, sizes.factor.peak_bytes),

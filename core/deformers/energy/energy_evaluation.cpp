@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <map>
 #include <string>
 
 #include "core/base/vectors.h"
@@ -16,6 +17,13 @@ namespace {
 constexpr std::size_t energy_places_per_task = 1024;
 constexpr double exact_limit = 1e-9;      // of D: ConstraintReport::missed
 constexpr double convergence_margin = 4;  // true error against the way to the solution as it is estimated
+
+void add_heights(const std::vector<double>& heights, std::optional<ConstraintReport::Heights>& range) {
+  for (const double height : heights) {
+    if (!range) range = {height, height};
+    range->add(height);
+  }
+}
 
 }  // namespace
 
@@ -45,8 +53,11 @@ EnergyEvaluation::EnergyEvaluation(std::shared_ptr<const EnergySystem> system, c
   const auto change = system_.prescribed(designs_[0], kind_);
   const Eigen::MatrixXd w = system_.constrained_->derivative(at.result, change.h, change.offsets, context);
   solutions_[0] = system_.completed(change.h * D, w * D, context);
-  if (!system_.exact_) return;
-  solutions_[0].exact = system_.exact_->derivative(at.exact, solutions_[0].field, designs_[0], context);
+  EnergySystem::Solution& solution = solutions_[0];
+  if (system_.exact_) solution.exact = system_.exact_->derivative(at.exact, solution.field, designs_[0], context);
+  if (at.layers.empty()) return;
+  const std::vector<Vec3> before = system_.layer_points(system_.set_points(solution, designs_[0], kind_));
+  solution.layers = system_.layers_->derivative(at.layers, before, context);
 }
 
 void EnergyEvaluation::solve(const RunContext& context) {
@@ -72,6 +83,10 @@ void EnergyEvaluation::solve_constrained(std::size_t design, WarmStart* warm, co
   solutions_[design] = system_.completed(to.h * D, result.w * D, context);
   EnergySystem::Solution& solution = solutions_[design];
   if (system_.exact_) solution.exact = system_.exact_->place(solution.field, designs_[design], result.after.shapes, context);
+  if (system_.layers_) {
+    std::vector<Vec3> before = system_.layer_points(system_.set_points(solution, designs_[design], kind_));
+    solution.layers = system_.layers_->place(std::move(before), context);
+  }
   report_misfit(design);
   DesignReport& report = reports_[design];
   report.iterations = result.iterations;
@@ -83,55 +98,22 @@ void EnergyEvaluation::solve_constrained(std::size_t design, WarmStart* warm, co
   for (const Eigen::MatrixXd& w : result.left) left += system_.largest_displacement(w * D, context);
   const double missed = system_.hard_handles() ? report.interpolation_residual : 0;
   set_error(design, convergence_margin * left + system_.linear_error_ * report.prescribed_displacement + missed);
-  measure_constraints(design, result);
+  measure_constraints(design, result, context);
 }
 
-/// Where the points of the sets end, unit coordinates. They are computed from the same field as the points that are delivered, in
-/// the same order of sums as those from which ExactStep starts: points of the solver differ from them by the rounding of its own
-/// sums, which the condition of the energy amplifies, and sets that keep their place would seem to have moved.
-std::vector<Vec3> EnergyEvaluation::final_points(std::size_t design) const {
-  const EnergySystem::Solution& solution = solutions_[design];
-  const FunctionRows functions = system_.model_.space.functions();
-  std::vector<PointId> set_ids;
-  for (const ConstraintSet& set : system_.constrained_->sets()) set_ids.insert(set_ids.end(), set.ids.begin(), set.ids.end());
-  std::vector<Vec3> points(set_ids.size());
-  std::vector<double> values(3 * tile_size, 0.0);
-  for (std::size_t i = 0; i < points.size(); ++i) {
-    if (i % tile_size == 0 && system_.set_places_.tiles() > 0) {
-      const double* tile = system_.set_places_.tile(i / tile_size);
-      std::fill(values.begin(), values.end(), 0.0);
-      if (system_.correction_) system_.correction_->add_values(tile, solution.field.correction.data(), 3, values.data());
-      if (system_.exact_) system_.exact_->add_values(tile, solution.exact, values.data());
-    }
-    points[i] = system_.box_.to_unit(system_.mesh_->points[set_ids[i]]);
-    for (std::size_t k = 0; k < 3; ++k) {
-      double value = values[k * tile_size + i % tile_size];
-      functions.for_each(set_ids[i], [&](std::int64_t column, double weight) {
-        value += weight * solution.field.w(column, static_cast<Eigen::Index>(k));
-      });
-      points[i][k] += value / system_.box_.scale;
-    }
-  }
-  std::size_t i = 0;
-  for (const ConstraintSet& set : system_.constrained_->sets()) {
-    for (const PointId id : set.ids) {
-      if (system_.is_prescribed(id)) {
-        points[i] = system_.box_.to_unit(held_.place(designs_[design], id, kind_));
-      } else if (!solution.exact.values.empty()) {
-        const std::vector<PointId>& ids = system_.exact_->ids();
-        const auto found = std::lower_bound(ids.begin(), ids.end(), id);
-        if (found != ids.end() && *found == id)
-          points[i] = solution.exact.placed.points[static_cast<std::size_t>(found - ids.begin())];
-      }
-      ++i;
-    }
-  }
-  return points;
+namespace {
+
+Projection::Misfit misfit_of(const ConstraintSet& set, std::span<const Vec3> x, ShapeParameters shape) {
+  std::vector<Vec3> projected(x.size());
+  set.projection->project(x, projected, shape);
+  return set.projection->misfit(x, projected);
 }
 
-void EnergyEvaluation::measure_constraints(std::size_t design, const ConstrainedResult& result) {
+}  // namespace
+
+void EnergyEvaluation::measure_constraints(std::size_t design, const ConstrainedResult& result, const RunContext& context) {
   const double D = system_.box_.scale;
-  const std::vector<Vec3> points = final_points(design);
+  const std::vector<Vec3> points = system_.set_points(solutions_[design], designs_[design], kind_);
   std::vector<ConstraintReport>& reports = reports_[design].constraints;
   reports.resize(system_.setup_.constraints.size());
   std::vector<std::size_t> counts(reports.size(), 0);
@@ -145,8 +127,9 @@ void EnergyEvaluation::measure_constraints(std::size_t design, const Constrained
     const std::span<const Vec3> x{points.data() + first, count};
     set.projection->project(x, projected, shape);
     const Projection::Misfit after = set.projection->misfit(x, projected);
-    const Projection::Misfit before =
-        set.projection->misfit({result.before.points.data() + first, count}, {result.before.targets.data() + first, count});
+    const Projection::Misfit before = set.column ? misfit_of(set, system_.constrained_->mesh_points(t, result.before), {})
+                                                 : set.projection->misfit({result.before.points.data() + first, count},
+                                                                          {result.before.targets.data() + first, count});
     report.rms += after.squares;
     report.rms_before += before.squares;
     report.max = std::max(report.max, D * after.largest);
@@ -154,6 +137,7 @@ void EnergyEvaluation::measure_constraints(std::size_t design, const Constrained
     counts[system_.constraint_of_[t]] += after.count;
     first += count;
   }
+  measure_heights(design, result, points, context);
   const std::vector<bool>& given_up = solutions_[design].exact.placed.given_up;
   for (std::size_t t = 0; t < given_up.size(); ++t) {
     ConstraintReport& report = reports[system_.exact_->constraint_of()[t]];
@@ -166,31 +150,63 @@ void EnergyEvaluation::measure_constraints(std::size_t design, const Constrained
   }
 }
 
+/// Of columns at these points of the sets, and where they are without constraints.
+void EnergyEvaluation::measure_heights(std::size_t design, const ConstrainedResult& result, const std::vector<Vec3>& points,
+                                       const RunContext& context) {
+  const std::vector<ConstraintSet>& sets = system_.constrained_->sets();
+  if (std::none_of(sets.begin(), sets.end(), [](const ConstraintSet& set) { return set.column != nullptr; })) return;
+  const double D = system_.box_.scale;
+  const auto to = system_.prescribed(designs_[design], kind_);
+  const std::vector<Vec3> before =
+      system_.set_points(system_.completed(to.h * D, result.free * D, context), designs_[design], kind_);
+  std::size_t first = 0;
+  for (std::size_t t = 0; t < sets.size(); ++t) {
+    const std::size_t count = sets[t].ids.size();
+    if (sets[t].column) {
+      ConstraintReport& report = reports_[design].constraints[system_.constraint_of_[t]];
+      add_heights(sets[t].column->relative_heights({points.data() + first, count}), report.heights);
+      add_heights(sets[t].column->relative_heights({before.data() + first, count}), report.heights_before);
+    }
+    first += count;
+  }
+}
+
 void EnergyEvaluation::direct_tile(std::size_t tile, std::size_t first, std::size_t count, double* values) const {
   for (std::size_t k = 0; k < count; ++k) system_.fill_tile(solutions_[first + k], tile, values + 3 * k * tile_size);
 }
 
 void EnergyEvaluation::replace_points(std::size_t begin, std::size_t end, std::size_t first, std::span<Vec3* const> out) const {
-  if (!system_.exact_) return;
-  const std::vector<PointId>& ids = system_.exact_->ids();
-  const auto start = std::lower_bound(ids.begin(), ids.end(), static_cast<std::uint64_t>(begin)) - ids.begin();
-  for (auto u = static_cast<std::size_t>(start); u < ids.size() && ids[u] < end; ++u) {
-    if (!system_.exact_->moves(u)) continue;
-    for (std::size_t k = 0; k < out.size(); ++k) {
-      const std::vector<Vec3>& values = solutions_[first + k].exact.values;
-      if (!values.empty()) out[k][ids[u] - begin] = values[u];
+  const auto replace = [&](const auto& step, const auto& moves, auto part) {
+    const std::vector<PointId>& ids = step.ids();
+    const auto start = std::lower_bound(ids.begin(), ids.end(), static_cast<std::uint64_t>(begin)) - ids.begin();
+    for (auto u = static_cast<std::size_t>(start); u < ids.size() && ids[u] < end; ++u) {
+      if (!moves(u)) continue;
+      for (std::size_t k = 0; k < out.size(); ++k) {
+        const std::vector<Vec3>& values = (solutions_[first + k].*part).values;
+        if (!values.empty()) out[k][ids[u] - begin] = values[u];
+      }
     }
-  }
+  };
+  const ExactStep* const exact = system_.exact_.get();
+  const LayerStep* const layers = system_.layers_.get();
+  if (exact != nullptr)
+    replace(
+        *exact, [&](std::size_t u) { return exact->moves(u); }, &EnergySystem::Solution::exact);
+  if (layers != nullptr)
+    replace(
+        *layers, [&](std::size_t u) { return layers->follows(u); }, &EnergySystem::Solution::layers);
 }
 
 std::vector<std::pair<PointId, Vec3>> EnergyEvaluation::replaced() const {
-  std::vector<std::pair<PointId, Vec3>> result;
-  if (!system_.exact_ || solutions_[0].exact.values.empty()) return result;
-  const std::vector<PointId>& ids = system_.exact_->ids();
-  for (std::size_t u = 0; u < ids.size(); ++u) {
-    if (system_.exact_->moves(u)) result.emplace_back(ids[u], solutions_[0].exact.values[u]);
+  std::map<PointId, Vec3> result;
+  const EnergySystem::Solution& solution = solutions_[0];
+  for (std::size_t u = 0; u < solution.exact.values.size(); ++u) {
+    if (system_.exact_->moves(u)) result.insert_or_assign(system_.exact_->ids()[u], solution.exact.values[u]);
   }
-  return result;
+  for (std::size_t u = 0; u < solution.layers.values.size(); ++u) {
+    if (system_.layers_->follows(u)) result.insert_or_assign(system_.layers_->ids()[u], solution.layers.values[u]);
+  }
+  return {result.begin(), result.end()};
 }
 
 /// The sums of EnergySystem::fill_tile(), in its order.
@@ -211,6 +227,7 @@ SpaceMap::Told EnergyEvaluation::displacements_at(std::span<const Vec3> points, 
       if (system_.exact_) system_.exact_->add_values(tiled.tile(t), solution.exact, values);
       for (std::size_t i = t * tile_size; i < std::min((t + 1) * tile_size, some.size()); ++i) {
         for (std::size_t k = 0; k < 3; ++k) out[begin + i][k] = values[k * tile_size + i % tile_size];
+        if (system_.layers_) out[begin + i] = out[begin + i] + system_.layers_->carried_at(places[i], solution.layers);
       }
     }
     const auto outside =

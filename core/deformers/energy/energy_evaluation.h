@@ -24,13 +24,14 @@ class EnergyEvaluation : public HandleEvaluation {
   void solve(const RunContext& context);
   void solve_constrained(std::size_t design, WarmStart* warm, const RunContext& context);
   void report_misfit(std::size_t design);
-  std::vector<Vec3> final_points(std::size_t design) const;
-  void measure_constraints(std::size_t design, const ConstrainedResult& result);
+  void measure_heights(std::size_t design, const ConstrainedResult& result, const std::vector<Vec3>& points,
+                       const RunContext& context);
+  void measure_constraints(std::size_t design, const ConstrainedResult& result, const RunContext& context);
   void direct_tile(std::size_t tile, std::size_t first, std::size_t count, double* values) const override;
   SpaceMap::Told displacements_at(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
                                   const RunContext& context) const override;
   std::vector<std::pair<PointId, Vec3>> replaced() const override;
-  /// Replaces the points of exact constraints.
+  /// Replaces the points of exact constraints and of columns of cells.
   void replace_points(std::size_t begin, std::size_t end, std::size_t first, std::span<Vec3* const> out) const override;
 
   const EnergySystem& system_;

@@ -143,18 +143,97 @@ void EnergySystem::prepare_constraints(ConstraintSets constraints, const RunCont
   std::vector<std::size_t> each(frames_.size());
   std::iota(each.begin(), each.end(), std::size_t{0});
   linear_error_ = solve(shifted_handles(each), context).errors[0];
-  const bool exact = std::any_of(constraint_of_.begin(), constraint_of_.end(),
-                                 [&](std::size_t constraint) { return setup_.constraints[constraint].exact; });
-  if (exact) {
-    if (!correction_) following_places_ = TiledPoints(unit_places(*mesh_, box_, following()));
-    const DeformationBefore before{
-        held(), box_, model_.held, following(), following_places_, model_.space.functions(), correction_.get(), hard_handles()};
-    exact_ = std::make_unique<const ExactStep>(before, constrained_->sets(), constraint_of_, context);
-  }
-  if (!correction_ && !exact) return;
+  prepare_steps(context);
+  if (!correction_ && !exact_) return;
   std::vector<Vec3> places;
   for (const ConstraintSet& set : constrained_->sets()) places.insert(places.end(), set.rest.begin(), set.rest.end());
   set_places_ = TiledPoints(places);
+}
+
+/// Those that follow the solution of a design.
+void EnergySystem::prepare_steps(const RunContext& context) {
+  const std::vector<ConstraintSet>& sets = constrained_->sets();
+  std::vector<char> keeps(mesh_->point_count());
+  bool exact = false;
+  for (std::size_t t = 0; t < sets.size(); ++t) {
+    if (!setup_.constraints[constraint_of_[t]].exact) continue;
+    exact = true;
+    for (const PointId id : sets[t].ids) keeps[id] = 1;
+  }
+  const bool columns = std::any_of(sets.begin(), sets.end(), [](const ConstraintSet& set) { return set.column != nullptr; });
+  if (columns) layers_ = std::make_unique<const LayerStep>(LayerStep::Input{*mesh_, box_, following(), sets, keeps}, context);
+  if (layers_ && layers_->empty()) layers_ = nullptr;
+  if (!exact) return;
+  if (!correction_) following_places_ = TiledPoints(unit_places(*mesh_, box_, following()));
+  const DeformationBefore before{
+      held(), box_, model_.held, following(), following_places_, model_.space.functions(), correction_.get(), hard_handles()};
+  exact_ = std::make_unique<const ExactStep>(before, sets, constraint_of_, context);
+}
+
+/// They are computed from the same field as the points that are delivered, in the same order of sums as those from which
+/// ExactStep starts: points of the solver differ from them by the rounding of its own sums, which the condition of the energy
+/// amplifies, and sets that keep their place would seem to have moved.
+std::vector<Vec3> EnergySystem::set_points(const Solution& solution, const BoundDesign& design, MotionKind kind) const {
+  const bool positions = kind == MotionKind::position;
+  const HeldPoints held_points = held();
+  const FunctionRows functions = model_.space.functions();
+  const auto in_unit = [&](const Vec3& p) { return positions ? box_.to_unit(p) : p / box_.scale; };
+  const auto find = [](const std::vector<PointId>& ids, PointId id) {
+    const auto found = std::lower_bound(ids.begin(), ids.end(), id);
+    return found != ids.end() && *found == id ? static_cast<std::size_t>(found - ids.begin()) : ids.size();
+  };
+  std::vector<PointId> set_ids;
+  for (const ConstraintSet& set : constrained_->sets()) set_ids.insert(set_ids.end(), set.ids.begin(), set.ids.end());
+  std::vector<Vec3> points(set_ids.size(), Vec3{});
+  std::vector<double> values(3 * tile_size, 0.0);
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    if (i % tile_size == 0 && set_places_.tiles() > 0) {
+      const double* tile = set_places_.tile(i / tile_size);
+      std::fill(values.begin(), values.end(), 0.0);
+      if (correction_) correction_->add_values(tile, solution.field.correction.data(), 3, values.data());
+      if (exact_) exact_->add_values(tile, solution.exact, values.data());
+    }
+    if (positions) points[i] = box_.to_unit(mesh_->points[set_ids[i]]);
+    for (std::size_t k = 0; k < 3; ++k) {
+      double value = values[k * tile_size + i % tile_size];
+      functions.for_each(set_ids[i], [&](std::int64_t column, double weight) {
+        value += weight * solution.field.w(column, static_cast<Eigen::Index>(k));
+      });
+      points[i][k] += value / box_.scale;
+    }
+  }
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const PointId id = set_ids[i];
+    if (is_prescribed(id)) {
+      points[i] = in_unit(held_points.place(design, id, kind));
+      continue;
+    }
+    const std::size_t in_exact = solution.exact.values.empty() ? 0 : find(exact_->ids(), id);
+    if (in_exact < solution.exact.values.size()) {
+      points[i] = positions ? solution.exact.placed.points[in_exact] : in_unit(solution.exact.values[in_exact]);
+    }
+    const std::size_t in_layers = solution.layers.values.empty() ? 0 : find(layers_->ids(), id);
+    if (in_layers < solution.layers.values.size()) {
+      points[i] = in_unit(solution.layers.values[in_layers]);
+    } else if (const std::size_t slot = layers_ ? layers_->slot(id) : following().size(); slot < following().size()) {
+      points[i] = points[i] + layers_->carried(slot, solution.layers) / box_.scale;
+    }
+  }
+  return points;
+}
+
+std::vector<Vec3> EnergySystem::layer_points(const std::vector<Vec3>& of_sets) const {
+  const std::vector<PointId>& ids = layers_->ids();
+  std::vector<Vec3> result(ids.size());
+  std::size_t i = 0;
+  for (const ConstraintSet& set : constrained_->sets()) {
+    for (const PointId id : set.ids) {
+      const Vec3& x = of_sets[i++];
+      const auto found = set.column ? std::lower_bound(ids.begin(), ids.end(), id) : ids.end();
+      if (found != ids.end() && *found == id) result[static_cast<std::size_t>(found - ids.begin())] = x;
+    }
+  }
+  return result;
 }
 
 EnergySystem::Prescribed EnergySystem::prescribed(const BoundDesign& design, MotionKind kind) const {
@@ -322,6 +401,9 @@ void EnergySystem::fill_tile(const Solution& solution, std::size_t tile, double*
       const double* w = solution.field.w.data() + static_cast<std::size_t>(column) * columns;
       for (std::size_t c = 0; c < columns; ++c) out[c * tile_size + s % tile_size] += value * w[c];
     });
+    if (solution.layers.moved.empty()) continue;
+    const Vec3 carried = layers_->carried(s, solution.layers);
+    for (std::size_t c = 0; c < 3; ++c) out[c * tile_size + s % tile_size] += carried[c];
   }
 }
 
@@ -375,7 +457,8 @@ void EnergySystem::fill_info() {
   info_.design_bytes = constrained_ ? constrained_->working_bytes() : 0;
   const std::size_t checks = has_basis() ? basis_.front().errors.size() * sizeof(double) : 0;
   set_bytes(solver_->bytes() + (constrained_ ? constrained_->bytes() : 0) + (correction_ ? correction_->bytes() : 0) +
-                following_places_.bytes() + set_places_.bytes() + (exact_ ? exact_->bytes() : 0),
+                following_places_.bytes() + set_places_.bytes() + (exact_ ? exact_->bytes() : 0) +
+                (layers_ ? layers_->bytes() : 0),
             model_.space.value_bytes() + checks);
   info_.notes = model_.space.notes;
   if (info_.reduced) {
@@ -412,10 +495,12 @@ EnergySystem::Constrained EnergySystem::constrained_at(std::span<const double> v
   const BoundDesign bound = held().bound(design, 0);
   const Prescribed to = prescribed(bound, MotionKind::position);
   ConstrainedResult result = constrained_->solve(to.h, to.offsets, context);
-  if (!exact_) return {std::move(result), {}};
-  const Solution solution = completed(to.h * box_.scale, result.w * box_.scale, context);
-  ExactPlacement::Placed placed = exact_->place(solution.field, bound, result.after.shapes, context).placed;
-  return {std::move(result), std::move(placed)};
+  if (!exact_ && !layers_) return {std::move(result), {}, {}};
+  Solution solution = completed(to.h * box_.scale, result.w * box_.scale, context);
+  if (exact_) solution.exact = exact_->place(solution.field, bound, result.after.shapes, context);
+  std::vector<Vec3> layers;
+  if (layers_) layers = layers_->place(layer_points(set_points(solution, bound, MotionKind::position)), context).from;
+  return {std::move(result), std::move(solution.exact.placed), std::move(layers)};
 }
 
 std::unique_ptr<const Evaluation> EnergySystem::derivative(std::span<const double> variables, const std::vector<Affine>& maps,
@@ -442,7 +527,8 @@ HandleSystem::Fields EnergySystem::adjoint(std::span<const double> variables, Co
   Constrained at;
   if (constrained_) at = constrained_at(variables, context);
   const std::size_t count = at_following.size();
-  std::vector<std::vector<Vec3>> X(at_following.begin(), at_following.end()), at_exact(count);
+  std::vector<std::vector<Vec3>> X(at_following.begin(), at_following.end()), at_exact(count), at_layers(count);
+  for (std::size_t j = 0; j < count && !at.layers.empty(); ++j) at_layers[j] = layers_->adjoint(at.layers, X[j], context);
   for (std::size_t j = 0; j < count && exact_ && at.exact.any(); ++j) at_exact[j] = exact_->adjoint(at.exact, X[j], context);
   const auto columns = static_cast<Eigen::Index>(3 * count);
   Eigen::MatrixXd g = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(solver_->unknowns()), columns);
@@ -471,16 +557,17 @@ HandleSystem::Fields EnergySystem::adjoint(std::span<const double> variables, Co
   }
   for (std::size_t j = 0; j < count; ++j) {
     const auto first = static_cast<Eigen::Index>(3 * j);
-    result.push_back(constrained_adjoint(at, g.middleCols(first, 3), direct.middleCols(first, 3), at_exact[j], context));
+    result.push_back(
+        constrained_adjoint(at, g.middleCols(first, 3), direct.middleCols(first, 3), at_exact[j], at_layers[j], context));
   }
   return result;
 }
 
-/// For one cotangent, from its derivatives with respect to the coefficients, to the held points and to the points of exact
-/// constraints.
+/// For one cotangent, from its derivatives with respect to the coefficients, to the held points, and to the points of exact
+/// constraints and of columns.
 std::vector<double> EnergySystem::constrained_adjoint(const Constrained& at, const Eigen::MatrixXd& g,
                                                       const Eigen::MatrixXd& direct, const std::vector<Vec3>& at_exact,
-                                                      const RunContext& context) const {
+                                                      const std::vector<Vec3>& at_layers, const RunContext& context) const {
   const ConstrainedSolver::Adjoint back = constrained_->adjoint(at.result, g, context);
   std::vector<double> result = contract_fields(direct + back.h);
   std::size_t i = 0;
@@ -492,6 +579,9 @@ std::vector<double> EnergySystem::constrained_adjoint(const Constrained& at, con
   }
   for (std::size_t u = 0; u < at_exact.size(); ++u) {
     if (!exact_->moves(u)) add_fields(exact_->ids()[u], at_exact[u], result);
+  }
+  for (std::size_t u = 0; u < at_layers.size(); ++u) {
+    if (!layers_->follows(u)) add_fields(layers_->ids()[u], at_layers[u], result);
   }
   return result;
 }

@@ -9,6 +9,7 @@
 #include "core/deformers/constrained/constrained_solver.h"
 #include "core/deformers/constrained/energy_solver.h"
 #include "core/deformers/energy/exact_step.h"
+#include "core/deformers/energy/layer_step.h"
 #include "core/deformers/energy/residual_correction.h"
 #include "core/deformers/energy/spaces/energy_space.h"
 #include "core/deformers/handles/handle_system.h"
@@ -28,7 +29,7 @@ using MakeEnergyModel = std::function<EnergyModel(const std::vector<RegionIndex>
 ///  - Constraints (thesis 8.5) are solved for in bind(), starting each design from its unconstrained deformation, so that
 ///    designs do not depend on each other, or in bind_sequence(). There is no basis then, and derivatives are those of the
 ///    constrained deformation. Exact constraints end with an ExactStep (ConstraintReport::given_up if it is omitted;
-///    derivatives omit it as well).
+///    derivatives omit it as well). With columns of cells a LayerStep follows.
 /// Coincident handle or fixed points may be moved to different places with the shell (a crack opens), but not with other spaces.
 class EnergySystem : public HandleSystem {
  public:
@@ -47,6 +48,7 @@ class EnergySystem : public HandleSystem {
   struct Solution {
     EnergyField field;
     ExactStep::Step exact;
+    LayerStep::Step layers;
     std::vector<double> misfits;  ///< largest |value - prescribed| of each column at the sampled handle and fixed points
     /// Estimated largest error of each column at the following points, but for `misfits`; empty if not measured.
     std::vector<double> errors;
@@ -58,10 +60,11 @@ class EnergySystem : public HandleSystem {
     std::vector<Vec3> offsets;  ///< as in ConstrainedSolver::solve()
   };
 
-  /// A constrained design and the positions of its exact points.
+  /// A constrained design, the positions of its exact points, and those of the columns of cells before the last step.
   struct Constrained {
     ConstrainedResult result;
     ExactPlacement::Placed exact;
+    std::vector<Vec3> layers;  ///< LayerStep::Step::from
   };
 
   std::unique_ptr<const Evaluation> derivative(std::span<const double> variables, const std::vector<Affine>& maps,
@@ -88,11 +91,17 @@ class EnergySystem : public HandleSystem {
   Eigen::MatrixXd at_samples(const EnergyField& field) const;
   Solution completed(const Eigen::MatrixXd& h, const Eigen::MatrixXd& w, const RunContext& context) const;
   Prescribed prescribed(const BoundDesign& design, MotionKind kind) const;
+  /// Where the points of the sets are, set by set, or how they change there; unit coordinates.
+  std::vector<Vec3> set_points(const Solution& solution, const BoundDesign& design, MotionKind kind) const;
+  /// Of these those of LayerStep::ids().
+  std::vector<Vec3> layer_points(const std::vector<Vec3>& of_sets) const;
+  void prepare_steps(const RunContext& context);
   Constrained constrained_at(std::span<const double> variables, const RunContext& context) const;
   /// Writes the values of a solution at a tile of the following points to out[c][16].
   void fill_tile(const Solution& solution, std::size_t tile, double* out) const;
   std::vector<double> constrained_adjoint(const Constrained& at, const Eigen::MatrixXd& g, const Eigen::MatrixXd& direct,
-                                          const std::vector<Vec3>& at_exact, const RunContext& context) const;
+                                          const std::vector<Vec3>& at_exact, const std::vector<Vec3>& at_layers,
+                                          const RunContext& context) const;
   void add_fields(PointId id, const Vec3& cotangent, std::vector<double>& fields) const;
   std::vector<double> contract_fields(const Eigen::MatrixXd& back) const;
 
@@ -104,6 +113,7 @@ class EnergySystem : public HandleSystem {
   std::vector<std::size_t> constraint_of_;                ///< constraint of each set
   TiledPoints set_places_;                                ///< points of the sets; only with a correction or exact constraints
   std::unique_ptr<const ExactStep> exact_;                ///< null without exact constraints
+  std::unique_ptr<const LayerStep> layers_;               ///< null without columns of cells that the step would move
   std::vector<std::size_t> checked_;                      ///< held points at which misfits are measured; none of the shell
   std::vector<std::uint32_t> samples_;                    ///< following points at which errors are measured
   double missed_ = 0;             ///< with a correction: largest misfit of the functions where handles shift, over the shift

@@ -46,6 +46,19 @@ TEST(Findings, TellHowConstraintsWereSolved) {
   EXPECT_NE(printed(design).find("(without constraints 2, 1), NOT EXACT: it contradicts others"), std::string::npos);
 }
 
+TEST(Findings, TellTheHeightsOfLayers) {
+  v1::DesignResult design = result();
+  auto& bore = *design.mutable_constraints()->mutable_residuals(0);
+  bore.set_least_height(0.98);
+  bore.set_largest_height(1.5);
+  bore.set_free_least_height(0.5);
+  bore.set_free_largest_height(2);
+  EXPECT_NE(printed(design).find("(without constraints 2, 1)\n    heights of its layers: 0.98 to 1.5 of those at rest (without "
+                                 "constraints 0.5 to 2)\n"),
+            std::string::npos)
+      << printed(design);
+}
+
 TEST(Findings, NameTheCellThatIsNearlyFlat) {
   v1::DesignResult design;
   v1::CellReport& cells = *design.mutable_cells();

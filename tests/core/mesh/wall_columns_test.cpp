@@ -137,6 +137,16 @@ TEST(WallColumns, StandOnEveryFaceOfTheBottom) {
         const WallColumns walls = wall_columns(mesh, b.bottom(), layers);
         EXPECT_THAT(walls.points, UnorderedElementsAreArray(b.columns(type, static_cast<std::uint32_t>(layers))));
         EXPECT_EQ(walls.faces, walls.points.size());
+        ASSERT_EQ(walls.stacks.size(), walls.points.size());
+        for (std::size_t c = 0; c < walls.stacks.size(); ++c) {
+          const WallColumns::Stack& stack = walls.stacks[c];
+          EXPECT_EQ(stack.sides, type == ElementType::hexahedron ? 4u : 3u);
+          EXPECT_EQ(stack.layers(), static_cast<std::size_t>(layers));
+          for (std::size_t i = 0; i < stack.corners.size(); ++i) {
+            EXPECT_EQ(stack.corners[i], stack.corners[i % stack.sides] + b.level() * (i / stack.sides)) << "above the first";
+          }
+          EXPECT_THAT(stack.corners, UnorderedElementsAreArray(walls.points[c]));
+        }
         EXPECT_EQ(walls.shorter, 0u);
         EXPECT_EQ(walls.bare, 0u);
       }
