@@ -57,7 +57,9 @@ struct ConstraintReport {
   bool given_up = false;
   /// With Rigid::layers: the least and the largest height of a layer of a column over that at rest.
   struct Heights {
-    double least = 1, largest = 1;
+    double least = 1;    ///< of all layers
+    double largest = 1;  ///< of all layers
+    /// Counts one more.
     void add(double height) {
       least = std::min(least, height);
       largest = std::max(largest, height);
