@@ -128,7 +128,8 @@ class Study:
                     submit(task)
             while futures:
                 for future in _done(futures):
-                    task = futures.pop(future)
+                    # Not kept: Dask computes lost results of futures that somebody still has once more.
+                    task, seconds = futures.pop(future), time.monotonic() - began.pop(future)
                     try:
                         record = self._place.result(future)
                     except WorkerLost as error:
@@ -138,7 +139,7 @@ class Study:
                             submit(task)
                             continue
                         record = failed_record(task, f"its worker ended {ATTEMPTS} times: {error}")
-                    self._add(record, time.monotonic() - began[future])
+                    self._add(record, seconds)
         except BaseException:
             for future in futures:
                 future.cancel()
