@@ -70,22 +70,23 @@ std::size_t ConstrainedPoints::bytes() const {
   return bytes;
 }
 
-std::vector<Vec3> ConstrainedPoints::stretched(std::vector<Vec3> x) const {
+template <typename Map>
+std::vector<Vec3> ConstrainedPoints::with_columns(std::vector<Vec3> x, const Map& map) const {
   for (std::size_t t = 0; t < sets_.size(); ++t) {
     if (!sets_[t].column) continue;
-    const std::vector<Vec3> y = sets_[t].column->stretched({x.data() + first(t), size(t)});
+    const std::vector<Vec3> y = map(*sets_[t].column, std::span<const Vec3>(x.data() + first(t), size(t)));
     std::copy(y.begin(), y.end(), x.begin() + static_cast<std::ptrdiff_t>(first(t)));
   }
   return x;
 }
 
+std::vector<Vec3> ConstrainedPoints::stretched(std::vector<Vec3> x) const {
+  return with_columns(std::move(x),
+                      [](const StretchedColumn& column, std::span<const Vec3> own) { return column.stretched(own); });
+}
+
 std::vector<Vec3> ConstrainedPoints::stretched_adjoint(std::vector<Vec3> y) const {
-  for (std::size_t t = 0; t < sets_.size(); ++t) {
-    if (!sets_[t].column) continue;
-    const std::vector<Vec3> x = sets_[t].column->adjoint({y.data() + first(t), size(t)});
-    std::copy(x.begin(), x.end(), y.begin() + static_cast<std::ptrdiff_t>(first(t)));
-  }
-  return y;
+  return with_columns(std::move(y), [](const StretchedColumn& column, std::span<const Vec3> own) { return column.adjoint(own); });
 }
 
 std::vector<Vec3> ConstrainedPoints::mesh_points(std::size_t set, const std::vector<Vec3>& points) const {

@@ -68,6 +68,10 @@ class ConstrainedPoints {
                                                const std::vector<Vec3>& dx) const;
 
  private:
+  /// x with the points of each column replaced by those that map(column, points) gives.
+  template <typename Map>
+  std::vector<Vec3> with_columns(std::vector<Vec3> x, const Map& map) const;
+
   std::vector<ConstraintSet> sets_;
   std::vector<std::size_t> first_;  ///< sets + 1 offsets of the points of each set
   SparseRows phi_;

@@ -15,8 +15,9 @@ struct CubicAxis;
 
 /// Sums over the functions of a lattice at many places. With cubic splines along all axes the weights are polynomials of the
 /// place within its span, and control points that are neighbours along the first axis are summed side by side in vector
-/// instructions. Those of other lattices are summed along one axis after the other. A sum depends on its place and vector alone,
-/// bit for bit. Immutable; any thread.
+/// instructions; the polynomials are Taylor expansions at the knots (de Boor, A Practical Guide to Splines, 1978). Those of other
+/// lattices are summed along one axis after the other. A sum depends on its place and vector alone, bit for bit. Immutable; any
+/// thread.
 class LatticeSums {
  public:
   explicit LatticeSums(const Lattice& lattice);

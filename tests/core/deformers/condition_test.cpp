@@ -241,8 +241,8 @@ struct CutBody {
   }
 };
 
-// The half is no worse than the whole, and both are as good as told although the points beside the plane are 1e-3 to 1e-8 of the
-// body away from it: beyond a condition of 1e15 differences between close centres are factored, which have lost fewer digits.
+// Half and whole are as good as told although the points beside the plane are 1e-3 to 1e-8 of the body away from it: beyond a
+// condition of 1e15 differences between close centres are factored, which have lost fewer digits.
 TEST(ConditionOfHalfModels, IsJudgedByTheMeasuredError) {
   for (const double beside : {1e-3, 1e-4, 1e-6, 1e-7, 1e-8}) {
     const CutBody body(beside);

@@ -217,6 +217,32 @@ TEST(Layers, AreThoseOfTheMapOfSpace) {
   EXPECT_LT(apart, 1e-12);
 }
 
+/// Right above a column the map of space is where its last level is: what the layers are moved by goes on into the room above.
+TEST(Layers, DoNotTearOffWhatIsAboveThem) {
+  const Bump bump(1e-3, ElementType::hexahedron);
+  const auto map = prepare(bump.mesh, bump.setup(FfdOptions{}))->bind_in_space({large, {}}, {});
+  const deform::Setup setup = bump.setup(FfdOptions{});
+  deform::Setup without = setup;
+  without.constraints.clear();
+  const Designed kept = designed(bump, setup, large), free = designed(bump, without, large);
+  Points places;
+  double height = 0, moved_on = 0;
+  for (std::size_t i = 1; i < bump.nx; ++i) {
+    const PointId wall = bump.at(i, 3, 0), last = bump.at(i, 3, kept_layers);
+    const auto& rest = bump.mesh->points;
+    height = distance(rest[last], rest[wall]);
+    const Vec3 free_edge = free.points[last] - free.points[wall], edge = kept.points[last] - kept.points[wall];
+    moved_on = std::max(moved_on, length(edge - free_edge));
+    places.push_back(rest[last] + 1e-6 * (rest[last] - rest[wall]));
+  }
+  EXPECT_GT(moved_on, 0.03 * height) << "else this shows nothing";
+  Points above(places.size());
+  map->evaluate(places, 0, above, {});
+  for (std::size_t i = 1; i < bump.nx; ++i) {
+    EXPECT_LT(distance(above[i - 1], kept.points[bump.at(i, 3, kept_layers)]), 1e-4 * height) << i;
+  }
+}
+
 Points column_of(double height) {
   Points points;
   for (int level = 0; level < 3; ++level) {
