@@ -260,6 +260,7 @@ def collated_seeds():
     yield "binary", file(form, b"FoamFile { " + form + b" class vectorField; }\n" + raw, raw)
     yield "new", file(b"format ascii; data.format binary; arch \"LSB;label=32;scalar=64\";", raw, raw, raw)
     yield "one_headless", file(b"format ascii;", points)
+    yield "leading_zeros", file(b"format ascii;", points).replace(b"%d(" % len(points), b"00%d(" % len(points))
 
 
 def netcdf_header_seeds():

@@ -105,8 +105,10 @@ std::string CollatedFile::with_parts(const std::vector<std::string>& parts) cons
   for (std::size_t i = 0; i < blocks_.size(); ++i) {
     const Block& block = blocks_[i];
     const std::string_view bytes = std::string_view(parts.at(i)).substr(block.headed ? 0 : header_.size());
-    result.append(file_.bytes, from, block.count_begin - from);
-    result += std::to_string(bytes.size());
+    // A number that still holds stays as it is written ("007").
+    const bool same = bytes.size() == block.end - block.begin;
+    result.append(file_.bytes, from, (same ? block.count_end : block.count_begin) - from);
+    if (!same) result += std::to_string(bytes.size());
     result.append(file_.bytes, block.count_end, block.begin - block.count_end);
     result += bytes;
     from = block.end;
