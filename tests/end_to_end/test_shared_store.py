@@ -84,6 +84,14 @@ class Killing:
         self.write(f"{name}.yaml", AHMED_SETUP.replace("ahmed.obj", f"{name}.obj"))
         return f"{name}.yaml"
 
+    def write_large_case(self, name, points):
+        """Every handle and fixed point is a centre of its dense system."""
+        setup = self.write_case(name, points)
+        with open(self.path(setup)) as file:
+            text = file.read()
+        self.write(setup, text.replace("{kernel: TRIHARMONIC}", "{kernel: TRIHARMONIC, reduction: REDUCTION_OFF, solver: CHOLESKY}"))
+        return setup
+
     def more_figures(self):
         """What is counted besides; asserted by whoever knows it."""
         return {}
@@ -210,10 +218,7 @@ class OneStore(Killing, Preparations, SharedStore, Replicas):
 
     def test_a_server_that_dies_is_replaced_without_preparing(self):
         """What takes longer to prepare leaves its basis to the others, and to itself after a restart."""
-        setup = self.write_case("many", 8000)
-        with open(self.path(setup)) as file:
-            text = file.read()
-        self.write(setup, text.replace("{kernel: TRIHARMONIC}", "{kernel: TRIHARMONIC, reduction: REDUCTION_OFF, solver: CHOLESKY}"))
+        setup = self.write_large_case("many", 8000)
         a, b, c = self.servers
 
         def apply_at(server, name):
@@ -341,6 +346,33 @@ class OneStoreBehindProxy(Killing, Preparations, SharedStore, BehindProxy):
         retries = self.retries("d")
         self.assertGreater(len(retries), CLIENTS)
         self.assertLessEqual(max(retries), 1)
+
+    def test_designs_of_a_large_system_go_on_when_its_server_dies(self):
+        """Whoever prepared it is killed between designs, and then whoever took over: nobody prepares it again."""
+        setup = self.write_large_case("large", 45000 if LONG else 6000)
+        system = self.deform("prepare", setup, "--json").json
+        self.wait_until(lambda: os.path.exists(self.path(f"shared/bases/{system['id']}.basis")), "its basis is stored", 120)
+        seconds, points, counts = [], set(), []
+        for number in range(60):
+            if number in (20, 40):
+                served = [self.deform("status", "--json", *self.at(server)).json["designs_served"] for server in self.servers]
+                owner = self.servers[max(range(3), key=lambda k: served[k] - (counts[-1][k] if counts else 0))]
+                counts.append(served)
+                self.killed.append((owner, time.time()))
+                owner.kill()
+            elif number in (30, 50):
+                self.killed[-1][0].start()
+            began = time.time()
+            self.deform("apply", system["id"], "--source", "large.obj", "--set", "roof_up=0.03", "-o", "out.obj")
+            seconds.append(time.time() - began)
+            points.add(read_bytes(self.path("out.obj")))
+        seconds.sort()
+        if LONG:
+            self.assertGreaterEqual(system["centres"], 15000)
+            print("figures", json.dumps(dict(centres=system["centres"], median=round(seconds[30], 3), slowest=round(seconds[-1], 3))), flush=True)
+        self.assertEqual(len(points), 1)
+        self.assertNotEqual(self.killed[0][0], self.killed[1][0])
+        self.assertEqual(len(self.preparations()[system["id"]]), 1)
 
     def test_nothing_is_lost_while_servers_are_killed(self):
         self.check_killing()
