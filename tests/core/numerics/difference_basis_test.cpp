@@ -171,7 +171,7 @@ std::vector<std::vector<Quad>> eliminated(const std::vector<Vec3>& centres, cons
 }
 
 TEST(DifferenceBasis, BoundaryLayersKeepTheirDigits) {
-  for (const auto& [first, layers] : {std::pair{2e-5, 6}, std::pair{1e-6, 6}, std::pair{1e-7, 4}}) {
+  for (const auto& [first, layers] : {std::pair{2e-5, 6}, std::pair{1e-6, 6}, std::pair{1e-7, 4}, std::pair{1e-8, 4}}) {
     SCOPED_TRACE(first);
     const double limit = 10 * 2.2e-16 / first;  // weights are that large, and sums are of doubles
     const auto centres = boundary_layer(30, layers, first);
@@ -185,7 +185,7 @@ TEST(DifferenceBasis, BoundaryLayersKeepTheirDigits) {
       EXPECT_GT(factor_ldlt({system.kernel(), centres, system.polynomials()}, {})->condition(), 1e15)
           << "else this shows nothing";
       const Interpolants found = system.interpolate(F, 0);
-      EXPECT_TRUE(found.converged);
+      EXPECT_TRUE(found.converged || first < 1e-7) << "sums of doubles with weights over 1e7 do not settle to 1e-8 of them";
       // Within the layers, right above them, and away.
       std::vector<Vec3> places = boundary_layer(15, 3, 1.7 * first);
       for (const Vec3& x : test::random_points(20, 9)) places.push_back(x);
