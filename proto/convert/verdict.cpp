@@ -21,6 +21,7 @@ constexpr double harmless_error = 1e-8;                     // of the motion: me
 constexpr double unrefined_error = 1e-9;                    // of the motion: told without a converged refinement, not bad
 constexpr double bad_misfit = 0.5, doubtful_misfit = 0.02;  // of the largest prescribed displacement
 constexpr double doubtful_height = 0.01;                    // of the height at rest
+constexpr double doubtful_constraint = 0.1;                 // of the largest prescribed displacement
 constexpr double no_motion = 1e-6;                          // of the same
 constexpr double far_away = 10;                             // of D: prescribed displacements in other units than the mesh
 
@@ -195,12 +196,27 @@ void judge_heights(const v1::ConstraintResidual& residual, std::vector<Finding>&
       "the heights of the layers of \"" + residual.name() + "\" are " + rounded(least) + " to " + rounded(largest) +
           " of those at rest, without the constraint " + rounded(residual.free_least_height()) + " to " +
           rounded(residual.free_largest_height()) +
-          ": points above the wall are held, exact or on two walls, or the wall folds; take fewer layers, or hold " +
-          "no points above the wall");
+          ": points above the wall are held, exact or on two walls, or the wall folds; hold no points above the wall");
 }
 
-void judge_constraints(const v1::ConstraintsReport& constraints, std::vector<Finding>& found) {
-  for (const auto& residual : constraints.residuals()) judge_heights(residual, found);
+/// A constraint that is met in the least-squares sense, but hardly; those of layers are judged by their heights.
+void judge_residual(const SolutionFacts& facts, double prescribed, const v1::ConstraintResidual& residual,
+                    std::vector<Finding>& found) {
+  if (residual.has_least_height() || residual.missed() || !(prescribed > negligible_error * facts.diagonal)) return;
+  if (residual.largest() <= doubtful_constraint * prescribed) return;
+  found.emplace_back(v1::VERDICT_DOUBTFUL, "constraint \"" + residual.name() + "\" is missed by up to " +
+                                               rounded(residual.largest()) + ", " + rounded(residual.largest() / prescribed) +
+                                               " of the largest prescribed displacement, without it by " +
+                                               rounded(residual.free_largest()) + ": " + facts.method.more_freedom +
+                                               "a larger weight, or `exact: true`");
+}
+
+void judge_constraints(const SolutionFacts& facts, const v1::DesignResult& result, std::vector<Finding>& found) {
+  const v1::ConstraintsReport& constraints = result.constraints();
+  for (const auto& residual : constraints.residuals()) {
+    judge_heights(residual, found);
+    judge_residual(facts, result.prescribed_displacement(), residual, found);
+  }
   std::string names;
   for (const auto& residual : constraints.residuals()) {
     if (residual.missed()) names += (names.empty() ? "\"" : ", \"") + residual.name() + "\"";
@@ -220,6 +236,9 @@ MethodFacts method_facts(const v1::Setup& setup) {
   if (all) facts.condition_effect = MethodFacts::Effect::measured;
   facts.manipulates_directly = (setup.method().has_ffd() && setup.method().ffd().control() == v1::MESH) ||
                                (setup.method().has_cage() && setup.method().cage().control() == v1::MESH);
+  if (setup.method().has_ffd()) facts.more_freedom = "take more control points, ";
+  if (setup.method().has_mls()) facts.more_freedom = "take more samples, ";
+  if (setup.method().has_subspace()) facts.more_freedom = "take more centres, ";
   if (!setup.method().has_rbf() || setup.then_size() > 0) return facts;
   const v1::RbfMethod& rbf = setup.method().rbf();
   if (rbf.solver() == v1::INCREMENTAL_QR) facts.least_squares_tolerance = rbf.tolerance();
@@ -242,7 +261,7 @@ void set_verdict(const SolutionFacts& facts, v1::DesignResult& result) {
   judge_mesh(facts, result, found);
   judge_size(facts, result, found);
   for (const std::string& shape : facts.shapes) found.emplace_back(v1::VERDICT_DOUBTFUL, shape);
-  judge_constraints(result.constraints(), found);
+  judge_constraints(facts, result, found);
   std::stable_sort(found.begin(), found.end(), [](const Finding& a, const Finding& b) { return a.first > b.first; });
   result.set_verdict(found.empty() ? v1::VERDICT_GOOD : found.front().first);
   result.clear_reasons();

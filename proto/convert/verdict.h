@@ -22,6 +22,8 @@ struct MethodFacts {
   double least_squares_tolerance = 0;  ///< of INCREMENTAL_QR, as a fraction of the diagonal; else 0
   /// Why points may move much farther than prescribed, and what to do; empty if nothing is known.
   std::string overshoot{};
+  /// What lets the functions of the method meet constraints better, "take more samples, "; empty if nothing does.
+  std::string more_freedom{};
 };
 
 /// The effect of a condition is measured for methods that take their residuals with twice the digits and from the exact matrix,

@@ -154,6 +154,33 @@ const std::vector<Case> cases = {
     {"handles_missed", [](auto& f, auto&) { f.misfit = 0.0021; }, v1::VERDICT_DOUBTFUL,
      "handle and fixed points are missed by up to 0.0021, 0.021 of the largest prescribed displacement: take more control "
      "points"},
+    {"constraint_met_nearly",
+     [](auto& f, auto& r) {
+       f.method.more_freedom = "take more samples, ";
+       auto& residual = *r.mutable_constraints()->add_residuals();
+       residual.set_name("bore");
+       residual.set_largest(0.009);
+     },
+     v1::VERDICT_GOOD, ""},
+    {"constraint_missed",
+     [](auto& f, auto& r) {
+       f.method.more_freedom = "take more samples, ";
+       auto& residual = *r.mutable_constraints()->add_residuals();
+       residual.set_name("bore");
+       residual.set_largest(0.011);
+       residual.set_free_largest(0.03);
+     },
+     v1::VERDICT_DOUBTFUL,
+     "constraint \"bore\" is missed by up to 0.011, 0.11 of the largest prescribed displacement, without it by 0.03: take more "
+     "samples, a larger weight, or `exact: true`"},
+    {"constraint_missed_though_exact",
+     [](auto&, auto& r) {
+       auto& residual = *r.mutable_constraints()->add_residuals();
+       residual.set_name("bore");
+       residual.set_largest(0.011);
+       residual.set_missed(true);
+     },
+     v1::VERDICT_BAD, "exact constraints are missed: \"bore\""},
     {"error_of_direct_manipulation",
      [](auto& f, auto& r) {
        f.method.manipulates_directly = true;

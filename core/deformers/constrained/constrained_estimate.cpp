@@ -21,6 +21,7 @@ constexpr std::size_t grown = 3 * sizeof(Triplet);  // of a vector that grows: t
 constexpr std::size_t small_assembly = std::size_t{64} << 20;
 constexpr std::size_t shape_bytes = 64;  // of a point in a projection
 constexpr std::size_t most_parameters = 7, few_set_points = 64;
+constexpr double per_pair = 8e-9;        // seconds to assemble Phi^T Phi: for each pair of functions at a point
 constexpr std::size_t column_cover = 2;  // functions of a column, over those of a point
 
 /// The counts that determine the memory.
@@ -98,12 +99,13 @@ ConstrainedBytes total(const Counts& counts, NewtonForm form) {
   // States, targets and the window of the alternation; right-hand sides and solutions.
   bytes.working = sizeof(Vec3) * (40 * N + 34 * r + 12 * counts.unknowns) + newton_bytes(counts, form);
   bytes.operations = counts.reduced.flops + counts.global_step.flops;
+  bytes.seconds = per_pair * static_cast<double>(counts.phi) * static_cast<double>(counts.cover);
   return bytes;
 }
 
 ConstrainedBytes larger(const ConstrainedBytes& a, const ConstrainedBytes& b) {
   return {std::max(a.resident, b.resident), std::max(a.preparing, b.preparing), std::max(a.working, b.working),
-          std::max(a.operations, b.operations)};
+          std::max(a.operations, b.operations), std::max(a.seconds, b.seconds)};
 }
 
 /// The functions at the points of a set, ascending. Points of one set have most of them in common.

@@ -15,6 +15,7 @@ struct ConstrainedBytes {
   std::size_t preparing = 0;  ///< peak during construction, including `resident`
   std::size_t working = 0;    ///< for one design or derivative, with a Newton step
   double operations = 0;      ///< floating-point operations of the factorizations
+  double seconds = 0;         ///< besides these operations
 };
 
 /// The bounds from the lower triangle of the matrix that the solver factors and the values at all points. Uses symbolic analysis,

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "core/base/vectors.h"
+#include "core/constraints/flat_projection.h"
 #include "core/constraints/matched_shape.h"
 
 namespace deform {
@@ -16,7 +17,7 @@ constexpr double most_stretch = 1e8;  // beyond, differences of functions have n
 
 }  // namespace
 
-StretchedColumn::StretchedColumn(Corners corners, std::span<const Vec3> rest) : corners_(std::move(corners)) {
+StretchedColumn::StretchedColumn(Corners corners, std::span<const Vec3> rest, const Vec3* flat) : corners_(std::move(corners)) {
   std::vector<char> above(rest.size());
   for (std::size_t i = corners_.sides; i < corners_.places.size(); ++i) above[corners_.places[i]] = 1;
   for (std::uint32_t i = 0; i < rest.size(); ++i) {
@@ -31,6 +32,7 @@ StretchedColumn::StretchedColumn(Corners corners, std::span<const Vec3> rest) : 
   }
   rest_ = stretched(rest);
   projection_ = matched_projection(rest_, Match::rigid);
+  if (flat != nullptr) projection_ = std::make_shared<const FlatProjection>(projection_, *flat, rest_);
 }
 
 Vec3 StretchedColumn::mean_edge(std::span<const Vec3> x, std::size_t layer) const {

@@ -37,8 +37,8 @@ class StretchedColumn {
     std::vector<std::uint32_t> places;
   };
 
-  /// `rest` holds all points of the column (n).
-  StretchedColumn(Corners corners, std::span<const Vec3> rest);
+  /// `rest` holds all points of the column (n), which move along the plane with the unit normal `flat` only; null: in space.
+  StretchedColumn(Corners corners, std::span<const Vec3> rest, const Vec3* flat = nullptr);
 
   std::size_t layers() const { return scales_.size(); }
   std::size_t sides() const { return corners_.sides; }
@@ -83,7 +83,7 @@ class StretchedColumn {
   std::vector<double> rest_heights_;  ///< their sign is that of the order around the face
   std::vector<double> scales_;        ///< s of each layer
   std::vector<Vec3> rest_;
-  std::unique_ptr<const Projection> projection_;
+  std::shared_ptr<const Projection> projection_;
 };
 
 }  // namespace deform

@@ -309,7 +309,7 @@ Estimate estimate_of(const Options& options, const Mesh& mesh, const Setup& setu
   const HeldWork work{(basis ? fields : 0) + (multipliers ? 1 : 0), centres, basis ? following : 0,
                       multipliers ? EnergySolver::multiplier_steps : 1};
   estimate.seconds = (sizes.factor.flops + sizes.constrained.operations) / nominal_rate + factor_bytes * 5e-9 +
-                     held_seconds(sizes, work) + static_cast<double>(sizes.assembly) * 1e-8;
+                     held_seconds(sizes, work) + sizes.constrained.seconds + static_cast<double>(sizes.assembly) * 1e-8;
   if (!basis && setup.constraints.empty()) {
     estimate.notes.push_back("No handle basis will be stored: every design is solved for.");
   }

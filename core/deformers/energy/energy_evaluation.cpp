@@ -113,31 +113,43 @@ Projection::Misfit misfit_of(const ConstraintSet& set, std::span<const Vec3> x, 
 
 void EnergyEvaluation::measure_constraints(std::size_t design, const ConstrainedResult& result, const RunContext& context) {
   const double D = system_.box_.scale;
+  const std::vector<ConstraintSet>& sets = system_.constrained_->sets();
   const std::vector<Vec3> points = system_.set_points(solutions_[design], designs_[design], kind_);
+  // Where they are without constraints, as they would be delivered. Points of the solver are that without a correction.
+  std::vector<Vec3> before;
+  if (system_.correction_ ||
+      std::any_of(sets.begin(), sets.end(), [](const ConstraintSet& set) { return set.column != nullptr; })) {
+    const auto to = system_.prescribed(designs_[design], kind_);
+    before = system_.set_points(system_.completed(to.h * D, result.free * D, context), designs_[design], kind_);
+  }
   std::vector<ConstraintReport>& reports = reports_[design].constraints;
   reports.resize(system_.setup_.constraints.size());
   std::vector<std::size_t> counts(reports.size(), 0);
   std::size_t first = 0;
-  for (std::size_t t = 0; t < system_.constrained_->sets().size(); ++t) {
-    const ConstraintSet& set = system_.constrained_->sets()[t];
+  for (std::size_t t = 0; t < sets.size(); ++t) {
+    const ConstraintSet& set = sets[t];
     const std::size_t count = set.ids.size();
-    std::vector<Vec3> projected(count);
-    ShapeParameters shape = result.after.shapes[t];
     ConstraintReport& report = reports[system_.constraint_of_[t]];
     const std::span<const Vec3> x{points.data() + first, count};
-    set.projection->project(x, projected, shape);
-    const Projection::Misfit after = set.projection->misfit(x, projected);
-    const Projection::Misfit before = set.column ? misfit_of(set, system_.constrained_->mesh_points(t, result.before), {})
-                                                 : set.projection->misfit({result.before.points.data() + first, count},
-                                                                          {result.before.targets.data() + first, count});
+    const Projection::Misfit after = misfit_of(set, x, result.after.shapes[t]);
+    Projection::Misfit free;
+    if (before.empty()) {
+      free = set.projection->misfit({result.before.points.data() + first, count}, {result.before.targets.data() + first, count});
+    } else {
+      const std::span<const Vec3> at{before.data() + first, count};
+      free = misfit_of(set, at, set.column ? ShapeParameters{} : result.before.shapes[t]);
+      if (set.column) {
+        add_heights(set.column->relative_heights(x), report.heights);
+        add_heights(set.column->relative_heights(at), report.heights_before);
+      }
+    }
     report.rms += after.squares;
-    report.rms_before += before.squares;
+    report.rms_before += free.squares;
     report.max = std::max(report.max, D * after.largest);
-    report.max_before = std::max(report.max_before, D * before.largest);
+    report.max_before = std::max(report.max_before, D * free.largest);
     counts[system_.constraint_of_[t]] += after.count;
     first += count;
   }
-  measure_heights(design, result, points, context);
   const std::vector<bool>& given_up = solutions_[design].exact.placed.given_up;
   for (std::size_t t = 0; t < given_up.size(); ++t) {
     ConstraintReport& report = reports[system_.exact_->constraint_of()[t]];
@@ -147,27 +159,6 @@ void EnergyEvaluation::measure_constraints(std::size_t design, const Constrained
     reports[i].rms = D * std::sqrt(reports[i].rms / std::max(1.0, static_cast<double>(counts[i])));
     reports[i].rms_before = D * std::sqrt(reports[i].rms_before / std::max(1.0, static_cast<double>(counts[i])));
     reports[i].missed = system_.setup_.constraints[i].exact && reports[i].max > exact_limit * D;
-  }
-}
-
-/// Of columns at these points of the sets, and where they are without constraints.
-void EnergyEvaluation::measure_heights(std::size_t design, const ConstrainedResult& result, const std::vector<Vec3>& points,
-                                       const RunContext& context) {
-  const std::vector<ConstraintSet>& sets = system_.constrained_->sets();
-  if (std::none_of(sets.begin(), sets.end(), [](const ConstraintSet& set) { return set.column != nullptr; })) return;
-  const double D = system_.box_.scale;
-  const auto to = system_.prescribed(designs_[design], kind_);
-  const std::vector<Vec3> before =
-      system_.set_points(system_.completed(to.h * D, result.free * D, context), designs_[design], kind_);
-  std::size_t first = 0;
-  for (std::size_t t = 0; t < sets.size(); ++t) {
-    const std::size_t count = sets[t].ids.size();
-    if (sets[t].column) {
-      ConstraintReport& report = reports_[design].constraints[system_.constraint_of_[t]];
-      add_heights(sets[t].column->relative_heights({points.data() + first, count}), report.heights);
-      add_heights(sets[t].column->relative_heights({before.data() + first, count}), report.heights_before);
-    }
-    first += count;
   }
 }
 

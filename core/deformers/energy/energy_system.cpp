@@ -69,7 +69,11 @@ EnergySystem::EnergySystem(std::shared_ptr<const Mesh> mesh, const Setup& setup,
   context.progress("factor", 0);
   prepare_solver(context, memory_budget);
   end_stage("factor");
-  prepare_constraints(std::move(constraints), context, memory_budget);
+  if (!constraints.sets.empty()) {
+    context.progress("constraints", 0);
+    prepare_constraints(std::move(constraints), context, memory_budget);
+    end_stage("constraints");
+  }
   prepare_basis(context, memory_budget);
   end_stage("basis");
   fill_info();
@@ -130,7 +134,6 @@ Eigen::MatrixXd EnergySystem::shifted_handles(const std::vector<std::size_t>& gr
 }
 
 void EnergySystem::prepare_constraints(ConstraintSets constraints, const RunContext& context, std::size_t memory_budget) {
-  if (constraints.sets.empty()) return;
   constraint_of_ = std::move(constraints.constraint_of);
   model_.space.notes.insert(model_.space.notes.end(), constraints.notes.begin(), constraints.notes.end());
   const std::size_t limit =
@@ -161,7 +164,8 @@ void EnergySystem::prepare_steps(const RunContext& context) {
     for (const PointId id : sets[t].ids) keeps[id] = 1;
   }
   const bool columns = std::any_of(sets.begin(), sets.end(), [](const ConstraintSet& set) { return set.column != nullptr; });
-  if (columns) layers_ = std::make_unique<const LayerStep>(LayerStep::Input{*mesh_, box_, following(), sets, keeps}, context);
+  if (columns)
+    layers_ = std::make_unique<const LayerStep>(LayerStep::Input{*mesh_, box_, following(), sets, keeps, flat_}, context);
   if (layers_ && layers_->empty()) layers_ = nullptr;
   if (!exact) return;
   if (!correction_) following_places_ = TiledPoints(unit_places(*mesh_, box_, following()));

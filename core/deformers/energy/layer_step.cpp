@@ -24,6 +24,7 @@ constexpr double no_rotation = 1e-12;  // second singular value of a face over t
 
 LayerStep::LayerStep(const Input& input, const RunContext& context)
     : following_(input.following), scale_(input.box.scale), origin_(input.box.origin) {
+  if (input.flat.exists()) along_ -= to_eigen(input.flat.normal()) * to_eigen(input.flat.normal()).transpose();
   for (const ConstraintSet& set : input.sets) {
     if (!set.column) continue;
     set_points_ += set.ids.size();
@@ -247,7 +248,7 @@ LayerStep::Step LayerStep::place(std::vector<Vec3> from, const RunContext& conte
   const std::vector<Turn> turned = turns(from, context);
   step.values = from;
   for (const Edge& edge : edges_) {
-    step.values[edge.point] = step.values[edge.below] + to_vec3(TurnedEdge(edge, faces_, turned).value());
+    step.values[edge.point] = step.values[edge.below] + to_vec3(along_ * (TurnedEdge(edge, faces_, turned).value() - edge.rest) + edge.rest);
   }
   step = moved(std::move(step), from);
   for (Vec3& value : step.values) value = value + origin_;
@@ -270,7 +271,7 @@ LayerStep::Step LayerStep::derivative(const std::vector<Vec3>& at, const std::ve
   Step step;
   step.values = change;
   for (const Edge& edge : edges_) {
-    step.values[edge.point] = step.values[edge.below] + to_vec3(TurnedEdge(edge, faces_, turned).change(w));
+    step.values[edge.point] = step.values[edge.below] + to_vec3(along_ * TurnedEdge(edge, faces_, turned).change(w));
   }
   return moved(std::move(step), change);
 }
@@ -290,7 +291,7 @@ std::vector<Vec3> LayerStep::adjoint(const std::vector<Vec3>& at, std::vector<Ve
   const std::vector<Turn> turned = turns(at, context);
   std::vector<Eigen::Vector3d> w(faces_.size(), Eigen::Vector3d::Zero());
   for (auto edge = edges_.rbegin(); edge != edges_.rend(); ++edge) {
-    TurnedEdge(*edge, faces_, turned).add_adjoint(to_eigen(y[edge->point]), w);
+    TurnedEdge(*edge, faces_, turned).add_adjoint(along_ * to_eigen(y[edge->point]), w);
     y[edge->below] = y[edge->below] + y[edge->point];
     y[edge->point] = {};
   }

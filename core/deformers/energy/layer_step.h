@@ -11,6 +11,7 @@
 
 #include "core/base/run_context.h"
 #include "core/deformers/constrained/constrained_points.h"
+#include "core/deformers/handles/flat_case.h"
 #include "core/deformers/handles/handle_motion.h"
 #include "core/mesh/mesh.h"
 #include "core/numerics/sampling/point_tree.h"
@@ -27,7 +28,8 @@ namespace deform {
 /// over the wall faces with a column that has it, where e_0 is the edge and n_c the normal of the face at rest: it keeps the
 /// heights over all faces around, where these fold too, and else its direction. For columns that move rigidly that is the edge
 /// turned with them. The wall stays where it is. So do points of handles, fixed regions and exact constraints, and points that
-/// stand on several walls, as in a corner between them; the layers above stand on these.
+/// stand on several walls, as in a corner between them; the layers above stand on these. In a two-dimensional case edges lose
+/// what leads out of its planes.
 ///
 /// Points around the columns take the step of the nearest corner of a column, times Wendland's C2 function of its distance at
 /// rest over carried_heights times the height of that column. Nodes between two corners take the mean of their steps.
@@ -42,6 +44,7 @@ class LayerStep {
     const std::vector<PointId>& following;   ///< points that follow the solution, ascending; must outlive the step
     const std::vector<ConstraintSet>& sets;  ///< those that are columns of cells are used
     const std::vector<char>& keeps;          ///< for each point of the mesh: whether it keeps its place
+    const FlatCase& flat;                    ///< in its planes edges stay
   };
   LayerStep(const Input& input, const RunContext& context);
 
@@ -111,6 +114,7 @@ class LayerStep {
   const std::vector<PointId>& following_;
   const double scale_;
   const Vec3 origin_;
+  Eigen::Matrix3d along_ = Eigen::Matrix3d::Identity();  ///< of an edge: the part along the planes of a flat case
   std::size_t set_points_ = 0;
   std::vector<PointId> ids_;
   std::vector<std::uint32_t> slots_;  ///< U: positions among the following points, or none

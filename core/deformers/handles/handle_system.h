@@ -112,6 +112,7 @@ class HandleSystem : public System {
   std::vector<HandleFrame> frames_;
   std::vector<HandleBasis> basis_;  ///< bases of different components; empty if none is stored
   SystemInfo info_;
+  FlatCase flat_;
 
  private:
   struct Held;
@@ -127,9 +128,8 @@ class HandleSystem : public System {
   Fields pull_back(std::span<const double> variables, std::span<const Points> cotangents, const RunContext& context) const;
 
   const HandleMode handles_;
-  std::vector<PointId> all_;   ///< all points, for soft handles
-  Symmetry control_symmetry_;  ///< that of control points
-  FlatCase flat_;
+  std::vector<PointId> all_;       ///< all points, for soft handles
+  Symmetry control_symmetry_;      ///< that of control points
   std::vector<PointId> sliding_;   ///< handle points on symmetry planes, ascending
   double largest_coordinate_ = 0;  ///< largest magnitude of a coordinate of the mesh
   Stopwatch watch_;

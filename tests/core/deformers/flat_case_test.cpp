@@ -111,6 +111,47 @@ TEST(FlatCase, StaysInItsPlane) {
   }
 }
 
+/// Constraints pull points out of the planes where these do not hold them: a column that is pressed together turns aside.
+TEST(FlatCase, ConstraintsStayInItsPlane) {
+  const auto mesh = shared(flat_mesh());
+  const Region wall = box({0.2, -0.1, -1}, {1.8, 0.1, 1}), top = box({0.2, 0.9, -1}, {1.8, 1.1, 1});
+  for (const MethodOptions& method : {methods()[1], methods()[2]}) {
+    for (const bool exact : {false, true}) {
+      for (const ConstraintKind& kind : {ConstraintKind{Rigid{1}}, ConstraintKind{Rigid{}}, ConstraintKind{Cylindrical{}}}) {
+        const auto* rigid = std::get_if<Rigid>(&kind);
+        const bool layers = rigid != nullptr && rigid->layers > 0;
+        if (layers && exact) continue;
+        SCOPED_TRACE(std::to_string(kind.index()) + (layers ? " layers" : "") + (exact ? " exact" : "") + " method " +
+                     std::to_string(method.index()));
+        deform::Setup setup = setup_of(method);
+        setup.constraints = {{"held", {layers ? wall : top}, kind}};
+        setup.constraints[0].exact = exact;
+        setup.constraint_options.tolerance = 1e-10;
+        const auto system = prepare(mesh, setup);
+        const std::vector<double> at{0.1, 0.3}, direction{0.7, -0.4};
+        const Design design{at, {}};
+        EXPECT_TRUE(system->bind({&design, 1}, EvaluationPath::automatic, {})->report(0).converged);
+        const Points got = system->evaluate(design), product = system->jacobian_vector(at, direction, {});
+        constexpr double h = 1e-4;
+        const Points above = system->evaluate(Design{{at[0] + h * direction[0], at[1] + h * direction[1]}, {}}),
+                     below = system->evaluate(Design{{at[0] - h * direction[0], at[1] - h * direction[1]}, {}});
+        double away = 0, wrong = 0, left = 0;
+        for (std::size_t i = 0; i < got.size(); ++i) {
+          away = std::max({away, std::abs(got[i][2] - mesh->points[i][2]), std::abs(product[i][2])});
+          for (std::size_t k = 0; k < 3; ++k) {
+            wrong = std::max(wrong, std::abs((above[i][k] - below[i][k]) / (2 * h) - product[i][k]));
+          }
+          left += dot(above[i], product[i]);
+        }
+        EXPECT_LT(away, 1e-12);
+        EXPECT_LT(wrong, 1e-5);
+        const std::vector<double> gradient = system->vector_jacobian(at, above, {});
+        EXPECT_NEAR(gradient[0] * direction[0] + gradient[1] * direction[1], left, 1e-9 * std::abs(left));
+      }
+    }
+  }
+}
+
 TEST(FlatCase, RefusesWhatLeavesIt) {
   const auto mesh = shared(flat_mesh());
   for (const MethodOptions& method : methods()) {
