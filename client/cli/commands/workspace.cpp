@@ -31,7 +31,7 @@ client::ClientOptions telling(client::ClientOptions options) {
         std::chrono::duration_cast<std::chrono::seconds>(std::chrono::steady_clock::now().time_since_epoch()).count();
     std::int64_t last = told->load();
     if ((last != 0 && now - last < seconds_between_warnings) || !told->compare_exchange_strong(last, now)) return;
-    warn("waiting for a server that went away: " + std::string(error.what()));
+    warn("waiting for the server: " + std::string(error.what()));
   };
   return options;
 }
