@@ -9,6 +9,7 @@
 #include <BRepBuilderAPI_Transform.hxx>
 #include <BRepCheck_Analyzer.hxx>
 #include <BRepTools.hxx>
+#include <BRepTools_History.hxx>
 #include <BRepTopAdaptor_FClass2d.hxx>
 #include <BRep_Builder.hxx>
 #include <BRep_Tool.hxx>
@@ -19,6 +20,7 @@
 #include <Message.hxx>
 #include <Message_Messenger.hxx>
 #include <Message_Printer.hxx>
+#include <STEPCAFControl_Reader.hxx>
 #include <STEPControl_Controller.hxx>
 #include <STEPControl_Reader.hxx>
 #include <ShapeFix_Shape.hxx>
@@ -28,6 +30,7 @@
 #include <TColStd_SequenceOfAsciiString.hxx>
 #include <TCollection_HAsciiString.hxx>
 #include <TopExp.hxx>
+#include <TopTools_ListOfShape.hxx>
 #include <TopoDS.hxx>
 #include <TopoDS_Iterator.hxx>
 #include <Transfer_TransientProcess.hxx>
@@ -42,6 +45,7 @@
 #include "core/base/small_file.h"
 #include "core/base/text.h"
 #include "core/cad/availability.h"
+#include "core/cad/step_parts.h"
 
 namespace deform::cad {
 
@@ -134,14 +138,27 @@ std::vector<std::string> names_of_faces(const STEPControl_Reader& reader, const 
 }
 
 TopoDS_Shape read_step(const std::filesystem::path& path, Model& model) {
-  STEPControl_Reader reader;
-  if (reader.ReadFile(path.c_str()) != IFSelect_RetDone) cannot_read(model.name, "STEP");
+  STEPCAFControl_Reader all;  // with colours
+  all.SetColorMode(true);
+  all.SetNameMode(false);
+  all.SetLayerMode(false);
+  all.SetPropsMode(false);
+  all.SetGDTMode(false);
+  all.SetMatMode(false);
+  all.SetViewMode(false);
+  if (all.ReadFile(path.c_str()) != IFSelect_RetDone) cannot_read(model.name, "STEP");
+  STEPControl_Reader& reader = all.ChangeReader();
   TColStd_SequenceOfAsciiString lengths, angles, solid_angles;
   reader.FileUnits(lengths, angles, solid_angles);
   keep_unit(lengths.IsEmpty() ? "" : lengths.First().ToCString(), model);
-  reader.TransferRoots();
+  const OpenDocument open;
+  Handle(TDocStd_Document) filled = open.get();
+  all.Transfer(filled);
   const TopoDS_Shape shape = reader.OneShape();
-  if (!shape.IsNull()) model.face_names = names_of_faces(reader, shape);
+  if (!shape.IsNull()) {
+    model.face_names = names_of_faces(reader, shape);
+    model.face_colours = colours_of_faces(open, shape);
+  }
   model.derivation = description_of(reader);
   return shape;
 }
@@ -181,6 +198,28 @@ TopoDS_Shape read_brep(const std::filesystem::path& path, Model& model) {
   if (shape.IsNull()) cannot_read(model.name, "BREP");
   model.notes.push_back(model.name + " names no unit of length.");
   return shape;
+}
+
+/// What all faces have in common of which a face of the merged model was made, such as their name.
+template <typename Mark>
+void keep_common(const Model& model, const std::vector<Mark>& marks, const Model& merged,
+                 const Handle(BRepTools_History) & history, std::vector<Mark>& kept) {
+  if (marks.empty()) return;
+  std::vector<std::optional<Mark>> common(merged.face_count());
+  for (int f = 0; f < model.face_count(); ++f) {
+    TopTools_ListOfShape images = history->Modified(model.faces(f + 1));
+    if (images.IsEmpty()) images.Append(model.faces(f + 1));
+    for (const TopoDS_Shape& image : images) {
+      const int g = merged.faces.FindIndex(image) - 1;
+      if (g < 0) continue;
+      if (!common[g]) {
+        common[g] = marks[f];
+      } else if (*common[g] != marks[f]) {
+        common[g] = Mark();
+      }
+    }
+  }
+  for (const std::optional<Mark>& mark : common) kept.push_back(mark.value_or(Mark()));
 }
 
 }  // namespace
@@ -250,6 +289,7 @@ TopoDS_Shape healed(const TopoDS_Shape& shape, Model& model) {
   ShapeFix_Shape fix(shape);
   fix.Perform();
   model.face_names.clear();  // faces may stand elsewhere
+  model.face_colours.clear();
   const bool valid = BRepCheck_Analyzer(fix.Shape(), true, true).IsValid();
   model.notes.push_back(model.name + " is not valid; " + (valid ? "it was healed." : "healing did not mend all of it."));
   return fix.Shape();
@@ -286,6 +326,7 @@ Model read_model(const std::filesystem::path& path, double scale) {
     model.scale = scale;
     model.derivation = reading.derivation;
     if (static_cast<int>(reading.face_names.size()) == model.face_count()) model.face_names = reading.face_names;
+    if (static_cast<int>(reading.face_colours.size()) == model.face_count()) model.face_colours = reading.face_colours;
     return model;
   } catch (const Standard_Failure& failure) {
     throw Error(ErrorCode::invalid_argument, reading.name + ": OpenCASCADE cannot read it: " + failure.GetMessageString());
@@ -299,6 +340,8 @@ Model unified(const Model& model) {
   merged.notes = model.notes;
   merged.unit = model.unit;
   merged.scale = model.scale;
+  keep_common(model, model.face_names, merged, unify.History(), merged.face_names);
+  keep_common(model, model.face_colours, merged, unify.History(), merged.face_colours);
   if (merged.face_count() != model.face_count() || merged.edge_count() != model.edge_count()) {
     merged.numbered = false;
     merged.notes.push_back(model.name + ": " + std::to_string(model.face_count()) + " faces and " +

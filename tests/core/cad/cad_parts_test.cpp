@@ -7,8 +7,10 @@
 #include <BRepAlgoAPI_Fuse.hxx>
 #include <BRepBuilderAPI_MakeFace.hxx>
 #include <BRepBuilderAPI_MakePolygon.hxx>
+#include <BRepGProp.hxx>
 #include <BRepPrimAPI_MakeBox.hxx>
 #include <BRep_Builder.hxx>
+#include <GProp_GProps.hxx>
 #include <Geom2d_Line.hxx>
 #include <Geom_Plane.hxx>
 #include <Interface_Static.hxx>
@@ -26,6 +28,7 @@
 #include <XCAFDoc_ColorTool.hxx>
 #include <XCAFDoc_DocumentTool.hxx>
 #include <XCAFDoc_ShapeTool.hxx>
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <filesystem>
@@ -114,6 +117,49 @@ TEST(CadDocument, FacesHaveTheColourOfTheirSolidOrTheirOwn) {
   expect_marks(again);
   std::filesystem::remove(path);
   std::filesystem::remove(again);
+}
+
+TEST(CadModel, PlacesOfOnePartHaveColoursOfTheirOwn) {
+  Handle(TDocStd_Document) document;
+  XCAFApp_Application::GetApplication()->NewDocument("MDTV-XCAF", document);
+  const auto shapes = XCAFDoc_DocumentTool::ShapeTool(document->Main());
+  const auto colours = XCAFDoc_DocumentTool::ColorTool(document->Main());
+  const TDF_Label assembly = shapes->NewShape();
+  const TDF_Label part = shapes->AddShape(BRepPrimAPI_MakeBox(1, 1, 1).Shape(), false);
+  const auto paint = [&](const TDF_Label& label, double red, double green, double blue) {
+    colours->SetColor(label, Quantity_Color(red, green, blue, Quantity_TOC_sRGB), XCAFDoc_ColorSurf);
+  };
+  paint(shapes->AddSubShape(part, faces_of(XCAFDoc_ShapeTool::GetShape(part))(3)), 0, 1, 0);
+  gp_Trsf away;
+  away.SetTranslation(gp_Vec(5, 0, 0));
+  paint(shapes->AddComponent(assembly, part, TopLoc_Location()), 1, 0, 0);
+  paint(shapes->AddComponent(assembly, part, TopLoc_Location(away)), 0, 0, 1);
+  shapes->UpdateAssemblies();
+  STEPCAFControl_Controller::Init();
+  Interface_Static::SetCVal("xstep.cascade.unit", "MM");
+  Interface_Static::SetCVal("write.step.unit", "MM");
+  STEPCAFControl_Writer writer;
+  writer.SetColorMode(true);
+  ASSERT_TRUE(writer.Transfer(document, STEPControl_AsIs));
+  const auto path = std::filesystem::temp_directory_path() / "deform_parts_places.step";
+  writer.Write(path.c_str());
+  const Model model = read_model(path, 1);
+  std::filesystem::remove(path);
+  ASSERT_EQ(model.face_count(), 12);
+  ASSERT_EQ(model.face_colours.size(), 12u);
+  std::map<std::array<int, 2>, int> counts;  // by place and channel
+  for (int f = 0; f < 12; ++f) {
+    ASSERT_TRUE(model.face_colours[f]) << f;
+    const FaceColour& colour = *model.face_colours[f];
+    GProp_GProps properties;
+    BRepGProp::SurfaceProperties(model.face(f), properties);
+    const int channel = static_cast<int>(std::max_element(colour.begin(), colour.begin() + 3) - colour.begin());
+    ++counts[{properties.CentreOfMass().X() > 3 ? 1 : 0, channel}];
+    EXPECT_NEAR(colour[0] + colour[1] + colour[2], 1, 1e-6);
+    EXPECT_NEAR(colour[channel], 1, 1e-6);
+    EXPECT_EQ(colour[3], 1);
+  }
+  EXPECT_EQ(counts, (std::map<std::array<int, 2>, int>{{{0, 0}, 5}, {{0, 1}, 1}, {{1, 1}, 1}, {{1, 2}, 5}}));
 }
 
 TEST(CadModel, MergedFacesStayInTheUnitOfTheFile) {
