@@ -168,23 +168,27 @@ class Matching {
     std::size_t classes = 0;
     while (true) {
       if (!balanced(colours)) return false;
-      std::unordered_map<std::uint64_t, int> ids;
-      const auto next = [&](const ModelGraph& graph, const std::vector<int>& old) {
-        std::vector<int> result(old.size());
-        for (int i = 0; i < graph.size_of_graph(); ++i) {
-          std::uint64_t key = scrambled(~static_cast<std::uint64_t>(old[i]));
-          for (const int j : graph.neighbours[i]) key += scrambled(static_cast<std::uint64_t>(old[j]));
-          result[i] = ids.try_emplace(key, static_cast<int>(ids.size())).first->second;
-        }
-        return result;
-      };
-      Colours finer;
-      finer.before = next(before_, colours.before);
-      finer.after = next(after_, colours.after);
-      colours = std::move(finer);
-      if (ids.size() == classes) return balanced(colours);
-      classes = ids.size();
+      const std::size_t finer = tell_neighbours(colours);
+      if (finer == classes) return balanced(colours);
+      classes = finer;
     }
+  }
+
+  /// Colours by those of the entities and of their neighbours; returns how many there are then.
+  std::size_t tell_neighbours(Colours& colours) const {
+    std::unordered_map<std::uint64_t, int> ids;
+    const auto next = [&](const ModelGraph& graph, const std::vector<int>& old) {
+      std::vector<int> result(old.size());
+      for (int i = 0; i < graph.size_of_graph(); ++i) {
+        std::uint64_t key = scrambled(~static_cast<std::uint64_t>(old[i]));
+        for (const int j : graph.neighbours[i]) key += scrambled(static_cast<std::uint64_t>(old[j]));
+        result[i] = ids.try_emplace(key, static_cast<int>(ids.size())).first->second;
+      }
+      return result;
+    };
+    colours.before = next(before_, colours.before);
+    colours.after = next(after_, colours.after);
+    return ids.size();
   }
 
   /// The finalizer of splitmix64.
@@ -716,14 +720,31 @@ class Matching {
     return uses;
   }
 
+  /// Whether each colour of a face is there as often in both models.
+  bool same_faces(const Colours& colours) const {
+    std::vector<int> old(colours.before.begin(), colours.before.begin() + before_.first_edge);
+    std::vector<int> now(colours.after.begin(), colours.after.begin() + after_.first_edge);
+    std::sort(old.begin(), old.end());
+    std::sort(now.begin(), now.end());
+    return old == now;
+  }
+
   /// Names what has no partner: the face that differs from the nearest one of the new model without a partner.
-  [[noreturn]] void refuse_structure(const Colours& colours) const {
+  [[noreturn]] void refuse_structure(Colours colours) const {
+    // What differs first may be edges or loops only.
+    for (std::size_t classes = 0; same_faces(colours);) {
+      const std::size_t finer = tell_neighbours(colours);
+      if (finer == classes) break;
+      classes = finer;
+    }
     const Model &old = *models_[0], &now = *models_[1];
     const View view = moved_view();
     std::map<int, int> surplus;
     for (const int c : colours.before) ++surplus[c];
     for (const int c : colours.after) --surplus[c];
     std::string text = "the CAD models differ in structure: " + counts(old) + " became " + counts(now);
+    const auto solids = [](const Model& model) { return std::to_string(model.solids.Extent()); };
+    if (old.solids.Extent() != now.solids.Extent()) text += ", solids: " + solids(old) + " and " + solids(now);
     const int first = first_with(colours.before, before_.first_edge, surplus, 1);
     const int lone = first_with(colours.after, after_.first_edge, surplus, -1);
     if (first >= 0) {
@@ -739,7 +760,8 @@ class Matching {
       text += "; " + old.face_name(first) + " has " + before_.loops(first) + (same_loops ? before_.bulge(first) : "");
       text += near < 0 ? " and no partner in the new model"
                        : ", the nearest one without a partner in the new model, " + now.face_name(near) + ", has " +
-                             after_.loops(near) + (same_loops ? after_.bulge(near) : "");
+                             after_.loops(near) + (same_loops ? after_.bulge(near) : "") +
+                             (same_loops && before_.bulge(first) == after_.bulge(near) ? ", but other neighbours" : "");
     } else if (lone >= 0) {
       text += "; " + now.face_name(lone) + " of the new model has " + after_.loops(lone) + " and no partner in the old one";
     }

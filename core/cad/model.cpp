@@ -5,9 +5,11 @@
 #include <BRepAdaptor_Curve.hxx>
 #include <BRepAdaptor_Surface.hxx>
 #include <BRepBndLib.hxx>
+#include <BRepBuilderAPI_MakeSolid.hxx>
 #include <BRepBuilderAPI_Sewing.hxx>
 #include <BRepBuilderAPI_Transform.hxx>
 #include <BRepCheck_Analyzer.hxx>
+#include <BRepLib.hxx>
 #include <BRepTools.hxx>
 #include <BRepTools_History.hxx>
 #include <BRepTopAdaptor_FClass2d.hxx>
@@ -30,12 +32,17 @@
 #include <TColStd_SequenceOfAsciiString.hxx>
 #include <TCollection_HAsciiString.hxx>
 #include <TopExp.hxx>
+#include <TopExp_Explorer.hxx>
 #include <TopTools_ListOfShape.hxx>
 #include <TopoDS.hxx>
+#include <TopoDS_Compound.hxx>
 #include <TopoDS_Iterator.hxx>
+#include <TopoDS_Shell.hxx>
+#include <TopoDS_Solid.hxx>
 #include <Transfer_TransientProcess.hxx>
 #include <XSControl_TransferReader.hxx>
 #include <XSControl_WorkSession.hxx>
+#include <algorithm>
 #include <array>
 #include <fstream>
 #include <utility>
@@ -163,6 +170,39 @@ TopoDS_Shape read_step(const std::filesystem::path& path, Model& model) {
   return shape;
 }
 
+/// What was sewn, with its closed shells as solids, whose outside is outside, but for those that lie in the box of another shell
+/// and may be its cavity.
+TopoDS_Shape with_solids(const TopoDS_Shape& sewn, int& solids) {
+  std::vector<TopoDS_Shape> pieces;
+  if (sewn.ShapeType() == TopAbs_COMPOUND) {
+    for (TopoDS_Iterator piece(sewn); piece.More(); piece.Next()) pieces.push_back(piece.Value());
+  } else {
+    pieces.push_back(sewn);
+  }
+  std::vector<Bnd_Box> boxes;
+  for (const TopoDS_Shape& piece : pieces) BRepBndLib::Add(piece, boxes.emplace_back());
+  const auto inside = [](const Bnd_Box& box, const Bnd_Box& other) {
+    return !other.IsOut(box.CornerMin()) && !other.IsOut(box.CornerMax());
+  };
+  for (std::size_t i = 0; i < pieces.size(); ++i) {
+    if (pieces[i].ShapeType() != TopAbs_SHELL || !BRep_Tool::IsClosed(pieces[i])) continue;
+    const auto nested = [&](const Bnd_Box& other) {
+      return &other != &boxes[i] && (inside(boxes[i], other) || inside(other, boxes[i]));
+    };
+    if (std::any_of(boxes.begin(), boxes.end(), nested)) continue;
+    TopoDS_Solid solid = BRepBuilderAPI_MakeSolid(TopoDS::Shell(pieces[i])).Solid();
+    if (!BRepLib::OrientClosedSolid(solid)) continue;
+    pieces[i] = solid;
+    ++solids;
+  }
+  if (pieces.size() == 1) return pieces.front();
+  TopoDS_Compound all;
+  const BRep_Builder builder;
+  builder.MakeCompound(all);
+  for (const TopoDS_Shape& piece : pieces) builder.Add(all, piece);
+  return all;
+}
+
 TopoDS_Shape read_iges(const std::filesystem::path& path, Model& model) {
   Handle(TCollection_HAsciiString) unit;
   {
@@ -181,8 +221,13 @@ TopoDS_Shape read_iges(const std::filesystem::path& path, Model& model) {
   BRepBuilderAPI_Sewing sewing(box.IsVoid() ? 1e-6 : 1e-5 * std::sqrt(box.SquareExtent()));
   sewing.Add(read);
   sewing.Perform();
-  model.notes.push_back(model.name + ": faces were sewn together, " + std::to_string(sewing.NbFreeEdges()) + " edges stay free.");
-  return sewing.SewedShape();
+  int solids = 0;
+  const TopoDS_Shape sewn = with_solids(sewing.SewedShape(), solids);
+  model.notes.push_back(model.name + ": faces were sewn together, " + std::to_string(sewing.NbFreeEdges()) + " edges stay free" +
+                        (solids == 0   ? "."
+                         : solids == 1 ? "; they bound a solid."
+                                       : "; they bound " + std::to_string(solids) + " solids."));
+  return sewn;
 }
 
 TopoDS_Shape read_brep(const std::filesystem::path& path, Model& model) {

@@ -56,8 +56,8 @@ std::string surface_type(const TopoDS_Face& face);  ///< "plane", "cylinder", "c
 /// Numbers the entities of a shape. Throws Error(invalid_argument) when it has no faces.
 Model make_model(const TopoDS_Shape& shape, const std::string& name);
 
-/// Reads STEP, IGES (sewn) and BREP in the unit of the file, which is noted, and multiplies by `scale`. Throws Error(not_found,
-/// invalid_argument) naming the file.
+/// Reads STEP, IGES (sewn, closed sheets as solids) and BREP in the unit of the file, which is noted, and multiplies by `scale`.
+/// Throws Error(not_found, invalid_argument) naming the file.
 Model read_model(const std::filesystem::path& path, double scale);
 
 /// The shape in a STEP, IGES (sewn) or BREP file, by its extension, as it is; the unit is noted in the model, whose name messages

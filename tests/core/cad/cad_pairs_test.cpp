@@ -8,11 +8,13 @@
 #include <BRepBuilderAPI_MakeFace.hxx>
 #include <BRepBuilderAPI_MakeWire.hxx>
 #include <BRepFilletAPI_MakeFillet.hxx>
+#include <BRepGProp.hxx>
 #include <BRepPrimAPI_MakeCone.hxx>
 #include <BRepPrimAPI_MakePrism.hxx>
 #include <BRepPrimAPI_MakeSphere.hxx>
 #include <BRepPrimAPI_MakeTorus.hxx>
 #include <BRepTools.hxx>
+#include <GProp_GProps.hxx>
 #include <IGESControl_Controller.hxx>
 #include <IGESControl_Writer.hxx>
 #include <TopExp_Explorer.hxx>
@@ -217,6 +219,24 @@ const std::vector<Pair>& pairs() {
        },
        {},
        {"face "}},
+      {"a solid with as many bores as bosses inside out",  // which differ only in what is beside them
+       [] {
+         return joined(bored({4, 3, 2}, {1, 1, 0}, 0.5), rod({3, 2, 1.5}, {0, 0, 1}, 0.4, 1));
+       },
+       [] {
+         return joined(bored({4, 3, 2}, {1, 1, 0}, 0.6), rod({3, 2, 1.5}, {0, 0, 1}, 0.5, 1)).Reversed();
+       },
+       {},
+       {"differ in structure", "(cylinder) has 1 loop", "but other neighbours"}},
+      {"a solid becomes a sheet",
+       [] {
+         return bored({4, 3, 2}, {1.5, 1.2, 0}, 0.5);
+       },
+       [] {
+         return sheet(bored({4, 3, 2}, {1.5, 1.2, 0}, 0.5), {}, {});
+       },
+       {},
+       {"differ in structure", "solids: 1 and 0", "face "}},
       {"a sheet with a face the other way round",
        [] {
          return sheet(block({0, 0, 0}, {1, 2, 3}), {}, {});
@@ -498,6 +518,44 @@ TEST_F(CadFiles, IgesIsSewnAndCarried) {
   EXPECT_LT(worst, limit);
   EXPECT_EQ(carried.flipped() + carried.outside(), 0u);
   EXPECT_THAT(carried.notes, testing::Contains(HasSubstr("sewn")));
+}
+
+TEST_F(CadFiles, IgesOfASolidIsOne) {
+  // A block with a cavity stays sheets: which shell is inside is not looked at.
+  const TopoDS_Shape before = bored({4, 3, 2}, {1.5, 1.2, 0}, 0.5), after = bored({4, 3, 2}, {2.1, 1.5, 0}, 0.8);
+  const TopoDS_Shape hollow = without(block({0, 0, 0}, {4, 3, 2}), block({1, 1, 0.5}, {1, 1, 1}));
+  IGESControl_Controller::Init();
+  const auto iges = [&](const TopoDS_Shape& shape, const std::string& name) {
+    IGESControl_Writer writer("MM", 0);
+    EXPECT_TRUE(writer.AddShape(shape));
+    writer.ComputeModel();
+    const auto written = path(name + ".igs");
+    EXPECT_TRUE(writer.Write(written.c_str()));
+    return written;
+  };
+  const auto volume = [](const TopoDS_Shape& shape) {
+    GProp_GProps properties;
+    BRepGProp::VolumeProperties(shape, properties);
+    return properties.Mass();
+  };
+  const Mesh mesh = mesh_of(before, 0.1);
+  MoveRequest request;
+  request.before = step(before, "before", {}, "millimetre");
+  request.after = iges(after, "after");
+  const CarriedNodes carried = carry_nodes(mesh, request);
+  for (std::size_t i = 0; i < carried.nodes.size(); ++i) {
+    const Vec3 &p = mesh.points[carried.nodes[i]], &q = carried.places[i];
+    EXPECT_LT(distance_from(q, skin(after)), 2e-6);  // the file has seven digits
+    if (std::abs(std::hypot(p[0] - 1.5, p[1] - 1.2) - 0.5) < 1e-9) EXPECT_NEAR(std::hypot(q[0] - 2.1, q[1] - 1.5), 0.8, 2e-6);
+  }
+  EXPECT_EQ(carried.flipped() + carried.outside(), 0u);
+  const Model one = read_model(request.after, 1);
+  EXPECT_EQ(one.solids.Extent(), 1);
+  EXPECT_THAT(one.notes, testing::Contains(HasSubstr("they bound a solid")));
+  EXPECT_NEAR(volume(one.shape), volume(after), 1e-6 * volume(after));  // with its outside outside
+  EXPECT_EQ(read_model(iges(together({after, shifted(after, {9, 0, 0})}), "two"), 1).solids.Extent(), 2);
+  EXPECT_EQ(read_model(iges(hollow, "hollow"), 1).solids.Extent(), 0);
+  EXPECT_EQ(read_model(iges(sheet(after, {2}, {}), "open"), 1).solids.Extent(), 0);
 }
 
 TEST_F(CadFiles, IgesIsReadInItsOwnUnitWhateverWasReadBefore) {
