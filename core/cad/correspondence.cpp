@@ -485,8 +485,13 @@ class Matching {
       if (++painted == 1) first = f;
     }
     if (painted == 0) return;
-    notes.push_back("The colours of " + std::to_string(painted) + (painted == 1 ? " face" : " faces") +
-                    " differ in the new model and are not used" + example(first));
+    if (painted == 1) {
+      notes.push_back("The colour of " + models_[0]->face_name(first) + " differs from that of its partner, " +
+                      models_[1]->face_name(pairs[first]) + ", and is not used.");
+    } else {
+      notes.push_back("The colours of " + std::to_string(painted) +
+                      " faces differ from those of their partners and are not used" + example(first));
+    }
   }
 
   /// A clear answer by places that does not keep what names and colours tell apart.

@@ -227,7 +227,7 @@ void write_step(const Document& document, const std::filesystem::path& path) {
     }
     if (!assembly.IsNull()) {
       const TDF_Label component = shapes->AddComponent(assembly, label, TopLoc_Location());
-      TDataStd_Name::Set(component, extended(part.name));
+      TDataStd_Name::Set(component, extended(part.place.empty() ? part.name : part.place));
     }
   }
   shapes->UpdateAssemblies();
@@ -284,7 +284,7 @@ Document read_document(const std::filesystem::path& path, Reading how) {
       read_step_parts(path, reading, document);
     } else {
       const TopoDS_Shape shape = read_shape(path, reading);
-      if (!shape.IsNull() && face_count(shape) > 0) document.parts.push_back({shape, path.stem().string(), std::nullopt, {}});
+      if (!shape.IsNull() && face_count(shape) > 0) document.parts.push_back({shape, path.stem().string(), std::nullopt, {}, {}});
     }
     for (Part& part : document.parts) settle(part, reading, how);
   } catch (const Standard_Failure& failure) {

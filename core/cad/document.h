@@ -25,6 +25,7 @@ struct Part {
   std::string name;
   std::optional<Quantity_ColorRGBA> colour;
   std::vector<FaceMark> faces;
+  std::string place;  ///< name of the place where it stands in its assembly, such as "wheel:2"; empty: none
 };
 
 /// What a CAD file holds. A part that stands in several places is there as often.

@@ -11,6 +11,7 @@
 #include <XCAFDoc_DocumentTool.hxx>
 #include <algorithm>
 #include <string>
+#include <utility>
 
 namespace deform::cad {
 
@@ -37,51 +38,64 @@ class PartReader {
     shapes_->GetFreeShapes(roots);
     for (int i = 1; i <= roots.Length(); ++i) {
       if (roots.Length() == 1 && XCAFDoc_ShapeTool::IsAssembly(roots(i))) document_.name = name_of(roots(i));
-      add(roots(i), TopLoc_Location(), std::nullopt);
+      add(roots(i), Place());
     }
   }
 
  private:
   using Colour = std::optional<Quantity_ColorRGBA>;
 
-  Colour colour_of(const TDF_Label& label, const Colour& otherwise) const {
+  Colour colour_of(const TDF_Label& label) const {
     Quantity_ColorRGBA colour;
     for (const XCAFDoc_ColorType type : {XCAFDoc_ColorSurf, XCAFDoc_ColorGen}) {
       if (colours_->GetColor(label, type, colour)) return colour;
     }
-    return otherwise;
+    return std::nullopt;
   }
 
-  void add(const TDF_Label& label, const TopLoc_Location& place, const Colour& inherited) {
-    const Colour colour = colour_of(label, inherited);
+  /// Where a shape stands, and what the assemblies around it give it.
+  struct Place {
+    TopLoc_Location location;
+    std::string name;   ///< of the place of a part in the innermost assembly
+    Colour overriding;  ///< of the outermost place that has one
+    Colour inherited;   ///< of the innermost assembly that has one
+  };
+
+  void add(const TDF_Label& label, Place place) {
     if (XCAFDoc_ShapeTool::IsReference(label)) {
       TDF_Label referred;
       XCAFDoc_ShapeTool::GetReferredShape(label, referred);
-      add(referred, place * XCAFDoc_ShapeTool::GetLocation(label), colour);
+      place.location = place.location * XCAFDoc_ShapeTool::GetLocation(label);
+      place.name = name_of(label);
+      if (!place.overriding) place.overriding = colour_of(label);
+      add(referred, std::move(place));
     } else if (XCAFDoc_ShapeTool::IsAssembly(label)) {
+      if (const Colour own = colour_of(label)) place.inherited = own;
       TDF_LabelSequence components;
       XCAFDoc_ShapeTool::GetComponents(label, components);
-      for (int i = 1; i <= components.Length(); ++i) add(components(i), place, colour);
+      for (int i = 1; i <= components.Length(); ++i) add(components(i), place);
     } else {
-      add_part(label, place, colour);
+      add_part(label, place);
     }
   }
 
-  void add_part(const TDF_Label& label, const TopLoc_Location& place, const Colour& colour) {
+  void add_part(const TDF_Label& label, const Place& place) {
     const TopoDS_Shape shape = XCAFDoc_ShapeTool::GetShape(label);
     if (shape.IsNull() || face_count(shape) == 0) return;
-    Part part{shape.Moved(place), name_of(label), colour, {}};
+    const Colour own = colour_of(label);
+    const Colour colour = place.overriding ? place.overriding : own ? own : place.inherited;
+    Part part{shape.Moved(place.location), name_of(label), colour, {}, place.name};
     TopTools_IndexedMapOfShape faces;
     TopExp::MapShapes(shape, TopAbs_FACE, faces);
     TDF_LabelSequence marked;
     XCAFDoc_ShapeTool::GetSubShapes(label, marked);
     for (int i = 1; i <= marked.Length(); ++i) {
       const TopoDS_Shape sub = XCAFDoc_ShapeTool::GetShape(marked(i));
-      if (sub.ShapeType() == TopAbs_FACE) mark(part, faces, sub, name_of(marked(i)), colour_of(marked(i), std::nullopt));
+      if (sub.ShapeType() == TopAbs_FACE) mark(part, faces, sub, name_of(marked(i)), colour_of(marked(i)));
     }
     for (int i = 1; i <= marked.Length(); ++i) {  // a solid or shell gives its colour to its faces that have none
       const TopoDS_Shape sub = XCAFDoc_ShapeTool::GetShape(marked(i));
-      const Colour own = colour_of(marked(i), std::nullopt);
+      const Colour own = colour_of(marked(i));
       if (sub.ShapeType() == TopAbs_FACE || !own) continue;
       TopTools_IndexedMapOfShape inside;
       TopExp::MapShapes(sub, TopAbs_FACE, inside);

@@ -141,10 +141,9 @@ TEST_F(CadMarks, ColoursThatContradictPlacesAreRefused) {
   // Colours that are not as often among bores are said and not used.
   request.after = painted(after, "side", {{{0, 1, 0.5}, red}});
   EXPECT_THAT(carry_nodes(mesh, request).notes,
-              Contains(HasSubstr("The colours of 2 faces differ in the new model and are not used")));
+              Contains(HasSubstr("The colours of 2 faces differ from those of their partners and are not used")));
   request.after = painted(after, "both", {{{3.6, 1, 0.5}, red}, {{7.5, 1, 0.5}, red}});
-  EXPECT_THAT(carry_nodes(mesh, request).notes,
-              Contains(HasSubstr("The colours of 1 face differ in the new model and are not used")));
+  EXPECT_THAT(carry_nodes(mesh, request).notes, Contains(HasSubstr("differs from that of its partner, face ")));
   request.after = painted(after, "red", {{{3.6, 1, 0.5}, red}, {{7.5, 1, 0.5}, red}});  // as both are in the old model now
   request.before = painted(before, "red_before", {{{3.4, 1, 0.5}, red}, {{7.4, 1, 0.5}, red}});
   EXPECT_THAT(carry_nodes(mesh, request).notes, Not(Contains(HasSubstr("colours"))));
@@ -169,7 +168,7 @@ TEST_F(CadMarks, OnlyOneWayOverrulesColoursAndNames) {
   CarriedNodes carried = carry_nodes(mesh, request);
   expect_on_bore(carried);
   EXPECT_THAT(carried.notes, Contains(HasSubstr("The names of faces in the files contradict the structure of the models")));
-  EXPECT_THAT(carried.notes, Contains(HasSubstr("The colours of 2 faces differ in the new model and are not used")));
+  EXPECT_THAT(carried.notes, Contains(HasSubstr("The colours of 2 faces differ from those of their partners and are not used")));
 }
 
 TEST_F(CadMarks, NamesAndColoursTellTogetherWhatNeitherDoes) {
@@ -236,7 +235,8 @@ TEST_F(CadMarks, PartsAndTheirPlacesHaveColours) {
   const TopoDS_Shape brick = without(block({-0.5, -0.5, 0}, {1, 1, 1}), rod({0, 0, 1}, {0, 0, -1}, 0.2, 0.3));
   const auto bricks = [&](const Vec3& way, const std::string& name, const Quantity_ColorRGBA& one,
                           const Quantity_ColorRGBA& other) {
-    return step({Part{shifted(brick, way), "brick", one, {}}, Part{shifted(brick, Vec3{} - way), "brick", other, {}}}, name);
+    return step({Part{shifted(brick, way), "brick", one, {}, {}}, Part{shifted(brick, Vec3{} - way), "brick", other, {}, {}}},
+                name);
   };
   const Mesh mesh = mesh_of(together({shifted(brick, {3, 0, 0}), shifted(brick, {-3, 0, 0})}), 0.2);
   MoveRequest request;

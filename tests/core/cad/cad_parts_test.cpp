@@ -119,32 +119,8 @@ TEST(CadDocument, FacesHaveTheColourOfTheirSolidOrTheirOwn) {
   std::filesystem::remove(again);
 }
 
-TEST(CadModel, PlacesOfOnePartHaveColoursOfTheirOwn) {
-  Handle(TDocStd_Document) document;
-  XCAFApp_Application::GetApplication()->NewDocument("MDTV-XCAF", document);
-  const auto shapes = XCAFDoc_DocumentTool::ShapeTool(document->Main());
-  const auto colours = XCAFDoc_DocumentTool::ColorTool(document->Main());
-  const TDF_Label assembly = shapes->NewShape();
-  const TDF_Label part = shapes->AddShape(BRepPrimAPI_MakeBox(1, 1, 1).Shape(), false);
-  const auto paint = [&](const TDF_Label& label, double red, double green, double blue) {
-    colours->SetColor(label, Quantity_Color(red, green, blue, Quantity_TOC_sRGB), XCAFDoc_ColorSurf);
-  };
-  paint(shapes->AddSubShape(part, faces_of(XCAFDoc_ShapeTool::GetShape(part))(3)), 0, 1, 0);
-  gp_Trsf away;
-  away.SetTranslation(gp_Vec(5, 0, 0));
-  paint(shapes->AddComponent(assembly, part, TopLoc_Location()), 1, 0, 0);
-  paint(shapes->AddComponent(assembly, part, TopLoc_Location(away)), 0, 0, 1);
-  shapes->UpdateAssemblies();
-  STEPCAFControl_Controller::Init();
-  Interface_Static::SetCVal("xstep.cascade.unit", "MM");
-  Interface_Static::SetCVal("write.step.unit", "MM");
-  STEPCAFControl_Writer writer;
-  writer.SetColorMode(true);
-  ASSERT_TRUE(writer.Transfer(document, STEPControl_AsIs));
-  const auto path = std::filesystem::temp_directory_path() / "deform_parts_places.step";
-  writer.Write(path.c_str());
-  const Model model = read_model(path, 1);
-  std::filesystem::remove(path);
+/// Two places of a box, red here and blue there, but for a green face of each.
+void expect_colours(const Model& model) {
   ASSERT_EQ(model.face_count(), 12);
   ASSERT_EQ(model.face_colours.size(), 12u);
   std::map<std::array<int, 2>, int> counts;  // by place and channel
@@ -162,6 +138,50 @@ TEST(CadModel, PlacesOfOnePartHaveColoursOfTheirOwn) {
   EXPECT_EQ(counts, (std::map<std::array<int, 2>, int>{{{0, 0}, 5}, {{0, 1}, 1}, {{1, 1}, 1}, {{1, 2}, 5}}));
 }
 
+TEST(CadModel, PlacesOfOnePartHaveColoursOfTheirOwn) {
+  Handle(TDocStd_Document) document;
+  XCAFApp_Application::GetApplication()->NewDocument("MDTV-XCAF", document);
+  const auto shapes = XCAFDoc_DocumentTool::ShapeTool(document->Main());
+  const auto colours = XCAFDoc_DocumentTool::ColorTool(document->Main());
+  const TDF_Label assembly = shapes->NewShape();
+  const TDF_Label part = shapes->AddShape(BRepPrimAPI_MakeBox(1, 1, 1).Shape(), false);
+  const auto paint = [&](const TDF_Label& label, double red, double green, double blue) {
+    colours->SetColor(label, Quantity_Color(red, green, blue, Quantity_TOC_sRGB), XCAFDoc_ColorSurf);
+  };
+  paint(shapes->AddSubShape(part, faces_of(XCAFDoc_ShapeTool::GetShape(part))(3)), 0, 1, 0);
+  gp_Trsf away;
+  away.SetTranslation(gp_Vec(5, 0, 0));
+  paint(part, 1, 1, 0);  // which its places override
+  TDataStd_Name::Set(part, "wheel");
+  const std::array<TDF_Label, 2> places{shapes->AddComponent(assembly, part, TopLoc_Location()),
+                                        shapes->AddComponent(assembly, part, TopLoc_Location(away))};
+  paint(places[0], 1, 0, 0);
+  paint(places[1], 0, 0, 1);
+  TDataStd_Name::Set(places[0], "front wheel");
+  TDataStd_Name::Set(places[1], "rear wheel");
+  shapes->UpdateAssemblies();
+  STEPCAFControl_Controller::Init();
+  Interface_Static::SetCVal("xstep.cascade.unit", "MM");
+  Interface_Static::SetCVal("write.step.unit", "MM");
+  STEPCAFControl_Writer writer;
+  writer.SetColorMode(true);
+  ASSERT_TRUE(writer.Transfer(document, STEPControl_AsIs));
+  const auto path = std::filesystem::temp_directory_path() / "deform_parts_places.step";
+  writer.Write(path.c_str());
+  const auto again = std::filesystem::temp_directory_path() / "deform_parts_places_again.step";
+  for (const bool rewritten : {false, true}) {
+    const Document read = read_document(rewritten ? again : path);
+    ASSERT_EQ(read.parts.size(), 2u);
+    for (int i = 0; i < 2; ++i) {
+      EXPECT_EQ(read.parts[i].name, "wheel");
+      EXPECT_EQ(read.parts[i].place, i == 0 ? "front wheel" : "rear wheel");
+    }
+    expect_colours(read_model(rewritten ? again : path, 1));
+    if (!rewritten) write_document(read, again);
+  }
+  std::filesystem::remove(path);
+  std::filesystem::remove(again);
+}
 TEST(CadModel, MergedFacesStayInTheUnitOfTheFile) {
   const TopoDS_Shape halves =
       BRepAlgoAPI_Fuse(BRepPrimAPI_MakeBox(1, 2, 3).Shape(), BRepPrimAPI_MakeBox(gp_Pnt(1, 0, 0), 1, 2, 3).Shape()).Shape();

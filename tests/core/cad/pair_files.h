@@ -43,7 +43,7 @@ class PairFiles : public testing::Test {
   }
   std::filesystem::path step(const TopoDS_Shape& shape, const std::string& name, const std::vector<FaceMark>& marks,
                              const std::string& unit = "metre") {
-    return step({Part{shape, "part", std::nullopt, marks}}, name, unit);
+    return step({Part{shape, "part", std::nullopt, marks, {}}}, name, unit);
   }
   static int face_at(const TopoDS_Shape& shape, const Vec3& point) {
     const std::vector<TopoDS_Face> faces = faces_of(shape);
