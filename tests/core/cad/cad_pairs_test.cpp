@@ -553,6 +553,8 @@ TEST_F(CadFiles, IgesOfASolidIsOne) {
   EXPECT_EQ(one.solids.Extent(), 1);
   EXPECT_THAT(one.notes, testing::Contains(HasSubstr("they bound a solid")));
   EXPECT_NEAR(volume(one.shape), volume(after), 1e-6 * volume(after));  // with its outside outside
+  const TopoDS_Shape reversed = read_model(iges(after.Reversed(), "reversed"), 1).shape;
+  EXPECT_NEAR(volume(reversed), volume(after), 1e-6 * volume(after));
   EXPECT_EQ(read_model(iges(together({after, shifted(after, {9, 0, 0})}), "two"), 1).solids.Extent(), 2);
   EXPECT_EQ(read_model(iges(hollow, "hollow"), 1).solids.Extent(), 0);
   EXPECT_EQ(read_model(iges(sheet(after, {2}, {}), "open"), 1).solids.Extent(), 0);
