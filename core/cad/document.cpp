@@ -77,6 +77,22 @@ class WithoutMending {
 
 TCollection_ExtendedString extended(const std::string& text) { return {text.c_str(), true}; }
 
+/// What an IGES file calls and paints its faces.
+std::vector<FaceMark> marks_of(const Model& reading, int faces) {
+  std::vector<FaceMark> marks;
+  for (int f = 0; f < faces; ++f) {
+    FaceMark mark;
+    mark.face = f;
+    if (!reading.face_names.empty()) mark.name = reading.face_names[f];
+    if (!reading.face_colours.empty() && reading.face_colours[f]) {
+      const auto& [red, green, blue, opacity] = *reading.face_colours[f];
+      mark.colour = Quantity_ColorRGBA(Quantity_Color(red, green, blue, Quantity_TOC_sRGB), static_cast<float>(opacity));
+    }
+    if (!mark.name.empty() || mark.colour) marks.push_back(mark);
+  }
+  return marks;
+}
+
 void read_step_parts(const std::filesystem::path& path, Model& reading, Document& document) {
   STEPCAFControl_Reader reader;
   reader.SetColorMode(true);
@@ -284,7 +300,9 @@ Document read_document(const std::filesystem::path& path, Reading how) {
       read_step_parts(path, reading, document);
     } else {
       const TopoDS_Shape shape = read_shape(path, reading);
-      if (!shape.IsNull() && face_count(shape) > 0) document.parts.push_back({shape, path.stem().string(), std::nullopt, {}, {}});
+      if (!shape.IsNull() && face_count(shape) > 0) {
+        document.parts.push_back({shape, path.stem().string(), std::nullopt, marks_of(reading, face_count(shape)), {}});
+      }
     }
     for (Part& part : document.parts) settle(part, reading, how);
   } catch (const Standard_Failure& failure) {

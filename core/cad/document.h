@@ -41,8 +41,8 @@ struct Document {
 /// tolerances of edges, from their gaps, and the sides of seams; degenerate edges are missing.
 enum class Reading { healed, mended, as_it_stands };
 
-/// Reads STEP with the names and colours of parts and faces, IGES (sewn) and BREP without. Edges get curves in space where they
-/// have none. Throws Error(not_found, invalid_argument) naming the file.
+/// Reads STEP with the names and colours of parts and faces, IGES (sewn) with those of faces and BREP without. Edges get curves
+/// in space where they have none. Throws Error(not_found, invalid_argument) naming the file.
 Document read_document(const std::filesystem::path& path, Reading how = Reading::healed);
 
 /// Writes .step or .stp with names and colours, or .brep, in the unit that was read last; an assembly of several parts has one

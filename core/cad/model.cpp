@@ -16,7 +16,9 @@
 #include <BRep_Builder.hxx>
 #include <BRep_Tool.hxx>
 #include <Bnd_Box.hxx>
+#include <IGESCAFControl_Reader.hxx>
 #include <IGESControl_Reader.hxx>
+#include <IGESData_IGESEntity.hxx>
 #include <IGESData_IGESModel.hxx>
 #include <Interface_Static.hxx>
 #include <Message.hxx>
@@ -124,20 +126,30 @@ std::string description_of(const STEPControl_Reader& reader) {
   return text;
 }
 
+/// What a file calls an entity.
+std::string name_of(const Handle(Standard_Transient) & entity) {
+  Handle(TCollection_HAsciiString) name;
+  if (const auto item = Handle(StepRepr_RepresentationItem)::DownCast(entity); !item.IsNull()) {
+    name = item->Name();
+  } else if (const auto sheet = Handle(IGESData_IGESEntity)::DownCast(entity); !sheet.IsNull()) {
+    if (sheet->HasName()) name = sheet->NameValue();  // labels are mostly numbers that programs give
+  }
+  return name.IsNull() ? "" : name->ToCString();
+}
+
 /// Names of the faces in the order in which they are numbered; nothing when none has one.
-std::vector<std::string> names_of_faces(const STEPControl_Reader& reader, const TopoDS_Shape& shape) {
+std::vector<std::string> names_of_faces(const XSControl_Reader& reader, const TopoDS_Shape& shape) {
   TopTools_IndexedMapOfShape faces;
   TopExp::MapShapes(shape, TopAbs_FACE, faces);
   const auto transfer = reader.WS()->TransferReader();
   std::vector<std::string> names;
   bool any = false;
   for (int f = 1; f <= faces.Extent(); ++f) {
-    auto item = Handle(StepRepr_RepresentationItem)::DownCast(transfer->EntityFromShapeResult(faces(f), 1));
-    if (item.IsNull()) {  // of a part in an assembly
-      item =
-          Handle(StepRepr_RepresentationItem)::DownCast(transfer->EntityFromShapeResult(faces(f).Located(TopLoc_Location()), 1));
+    Handle(Standard_Transient) entity = transfer->EntityFromShapeResult(faces(f), 1);
+    if (entity.IsNull()) {  // of a part in an assembly
+      entity = transfer->EntityFromShapeResult(faces(f).Located(TopLoc_Location()), 1);
     }
-    names.emplace_back(item.IsNull() || item->Name().IsNull() ? "" : item->Name()->ToCString());
+    names.push_back(name_of(entity));
     any = any || !names.back().empty();
   }
   if (!any) names.clear();
@@ -203,6 +215,22 @@ TopoDS_Shape with_solids(const TopoDS_Shape& sewn, int& solids) {
   return all;
 }
 
+/// Names or colours of faces, after they were sewn together.
+template <typename Mark>
+void keep_marks(const std::vector<Mark>& marks, const TopoDS_Shape& read, const BRepBuilderAPI_Sewing& sewing,
+                const TopoDS_Shape& sewn, std::vector<Mark>& kept) {
+  if (marks.empty()) return;
+  TopTools_IndexedMapOfShape faces, images;
+  TopExp::MapShapes(read, TopAbs_FACE, faces);
+  TopExp::MapShapes(sewn, TopAbs_FACE, images);
+  kept.resize(images.Extent());
+  for (int f = 0; f < faces.Extent(); ++f) {
+    const TopoDS_Shape& face = faces(f + 1);
+    const int i = images.FindIndex(sewing.IsModifiedSubShape(face) ? sewing.ModifiedSubShape(face) : face) - 1;
+    if (i >= 0) kept[i] = marks[f];
+  }
+}
+
 TopoDS_Shape read_iges(const std::filesystem::path& path, Model& model) {
   Handle(TCollection_HAsciiString) unit;
   {
@@ -211,9 +239,14 @@ TopoDS_Shape read_iges(const std::filesystem::path& path, Model& model) {
     unit = header.IGESModel()->GlobalSection().UnitName();
   }
   keep_unit(unit.IsNull() ? "" : unit->ToCString(), model);
-  IGESControl_Reader reader;  // when a file is loaded, it takes the unit of that moment
+  IGESCAFControl_Reader reader;  // when a file is loaded, it takes the unit of that moment
+  reader.SetColorMode(true);
+  reader.SetNameMode(false);
+  reader.SetLayerMode(false);
   reader.ReadFile(path.c_str());
-  reader.TransferRoots();
+  const OpenDocument open;
+  Handle(TDocStd_Document) filled = open.get();
+  reader.Transfer(filled);
   Bnd_Box box;
   const TopoDS_Shape read = reader.OneShape();
   if (read.IsNull()) cannot_read(model.name, "IGES");
@@ -223,6 +256,8 @@ TopoDS_Shape read_iges(const std::filesystem::path& path, Model& model) {
   sewing.Perform();
   int solids = 0;
   const TopoDS_Shape sewn = with_solids(sewing.SewedShape(), solids);
+  keep_marks(names_of_faces(reader, read), read, sewing, sewn, model.face_names);
+  keep_marks(colours_of_faces(open, read), read, sewing, sewn, model.face_colours);
   model.notes.push_back(model.name + ": faces were sewn together, " + std::to_string(sewing.NbFreeEdges()) + " edges stay free" +
                         (solids == 0   ? "."
                          : solids == 1 ? "; they bound a solid."

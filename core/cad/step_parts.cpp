@@ -143,24 +143,21 @@ std::vector<std::optional<FaceColour>> colours_of_faces(const OpenDocument& open
   read_parts(open, document);
   TopTools_IndexedMapOfShape faces;
   TopExp::MapShapes(shape, TopAbs_FACE, faces);
-  std::vector<std::optional<FaceColour>> colours(faces.Extent());
-  bool any = false;
+  std::vector<std::optional<FaceColour>> found(faces.Extent());
   for (const Part& part : document.parts) {
     TopTools_IndexedMapOfShape own;
     TopExp::MapShapes(part.shape, TopAbs_FACE, own);
-    std::vector<std::optional<Quantity_ColorRGBA>> marked(own.Extent(), part.colour);
+    std::vector<std::optional<Quantity_ColorRGBA>> colours(own.Extent(), part.colour);
     for (const FaceMark& mark : part.faces) {
-      if (mark.colour) marked[mark.face] = mark.colour;
+      if (mark.colour) colours[mark.face] = mark.colour;
     }
     for (int i = 1; i <= own.Extent(); ++i) {
       const int f = faces.FindIndex(own(i)) - 1;
-      if (f < 0 || !marked[i - 1]) continue;
-      colours[f] = channels_of(*marked[i - 1]);
-      any = true;
+      if (f >= 0 && colours[i - 1]) found[f] = channels_of(*colours[i - 1]);
     }
   }
-  if (!any) colours.clear();
-  return colours;
+  if (std::none_of(found.begin(), found.end(), [](const auto& colour) { return colour.has_value(); })) found.clear();
+  return found;
 }
 
 }  // namespace deform::cad

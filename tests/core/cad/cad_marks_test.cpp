@@ -4,6 +4,11 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <IGESCAFControl_Writer.hxx>
+#include <IGESControl_Controller.hxx>
+#include <Interface_Static.hxx>
+#include <TDF_Label.hxx>
+#include <TDataStd_Name.hxx>
 #include <array>
 #include <cmath>
 #include <string>
@@ -11,6 +16,7 @@
 #include "core/base/error.h"
 #include "core/base/vectors.h"
 #include "core/cad/cad_move.h"
+#include "core/cad/step_parts.h"
 #include "tests/core/cad/pair_files.h"
 #include "tests/core/cad/pair_models.h"
 
@@ -95,6 +101,61 @@ TEST_F(CadMarks, AColourTellsTwoEqualBoresApart) {
     }
     EXPECT_GT(nodes, 100u);
     EXPECT_THAT(carried.notes, Contains(HasSubstr("the colours of 1 face agree with the one that is taken")));
+  }
+}
+
+TEST_F(CadMarks, IgesFilesHaveNamesAndColoursToo) {
+  const auto iges = [&](const TopoDS_Shape& shape, const Vec3& at, const std::string& name, const std::string& file) {
+    const OpenDocument open;
+    const std::vector<TopoDS_Face> faces = faces_of(shape);
+    for (int f = 0; f < static_cast<int>(faces.size()); ++f) {
+      const TDF_Label face = open.shapes()->AddShape(faces[f], false);
+      TDataStd_Name::Set(face, "other");
+      if (f != face_at(shape, at)) continue;
+      if (name.empty()) {
+        open.colours()->SetColor(face, red, XCAFDoc_ColorSurf);
+      } else {
+        TDataStd_Name::Set(face, name.c_str());
+      }
+    }
+    IGESControl_Controller::Init();
+    Interface_Static::SetCVal("xstep.cascade.unit", "MM");
+    Interface_Static::SetCVal("write.iges.unit", "MM");
+    IGESCAFControl_Writer writer;
+    writer.SetColorMode(true);
+    writer.SetNameMode(true);
+    EXPECT_TRUE(writer.Transfer(open.get()));
+    writer.ComputeModel();
+    const auto written = path(file);
+    EXPECT_TRUE(writer.Write(written.c_str()));
+    return written;
+  };
+  const TopoDS_Shape before = two_bores({1, 0, 0}), after = two_bores({0, 1, 0});
+  const Mesh mesh = mesh_of(before, 0.1);
+  for (const std::string& name : {"", "oil"}) {
+    MoveRequest request;
+    request.before = iges(before, {3.4, 2, 0.5}, name, "before.igs");
+    for (const double way : {1.0, -1.0}) {
+      request.after = iges(after, {2, 2 + 1.4 * way, 0.5}, name, "after.igs");
+      const CarriedNodes carried = carry_nodes(mesh, request);
+      EXPECT_THAT(carried.notes, Contains(HasSubstr(name.empty() ? "the colours of 1 face agree" : "1 name of faces agrees")));
+      for (std::size_t i = 0; i < carried.nodes.size(); ++i) {
+        const Vec3& p = mesh.points[carried.nodes[i]];
+        if (std::abs(std::hypot(p[0] - 3, p[1] - 2) - 0.4) < 1e-9)
+          EXPECT_NEAR(std::hypot(carried.places[i][0] - 2, carried.places[i][1] - 2 - way), 0.4, 1e-5);
+      }
+    }
+    // What cad-apply writes keeps them.
+    const auto again = path("again.step");
+    write_document(read_document(request.before), again);
+    const Model model = read_model(again, 1);
+    const int bore = face_at(model.shape, {3.4, 2, 0.5});
+    ASSERT_GE(bore, 0);
+    EXPECT_EQ(model.solids.Extent(), 1);
+    for (int f = 0; f < model.face_count(); ++f) {
+      EXPECT_EQ(!model.face_names.empty() && model.face_names[f] == "oil", f == bore && !name.empty());
+      EXPECT_EQ(!model.face_colours.empty() && model.face_colours[f].has_value(), f == bore && name.empty());
+    }
   }
 }
 
