@@ -12,11 +12,13 @@
 #include <limits>
 #include <map>
 #include <optional>
+#include <tuple>
 #include <unordered_map>
 
 #include "core/base/error.h"
 #include "core/base/number_text.h"
 #include "core/base/vectors.h"
+#include "core/cad/face_marks.h"
 #include "core/cad/model_graph.h"
 
 namespace deform::cad {
@@ -27,8 +29,7 @@ constexpr double normal_weight = 0.1;  ///< of the difference of two unit normal
 constexpr double clearly = 1.5;        ///< another way has to fit so much worse, in squares
 constexpr double slightly = 1.1;       ///< another way that fits so much better, in squares, contradicts what stays
 constexpr double far_better = 20;      ///< a turned model that fits so much better, in squares, is not overlooked
-constexpr double same_colour = 0.01;   ///< of each channel, from 0 to 1
-constexpr int forced_kind = 100, unpainted = -1;
+constexpr int forced_kind = 100;
 constexpr int most_tries = 20000, most_first = 24, most_second = 6;
 
 Vec3 vec(const gp_Pnt& p) { return {p.X(), p.Y(), p.Z()}; }
@@ -73,10 +74,11 @@ class Matching {
         before_(graph_of(before, types)),
         after_(graph_of(after, types)),
         uses_before_(uses(before)),
-        uses_after_(uses(after)) {
+        uses_after_(uses(after)),
+        names_(common_names(before, after)) {
+    std::tie(paints_before_, paints_after_) = numbered_colours(before, after);
     if (types == FaceTypes::left_out) leave_types();
     for (const ForcedPair& pair : pairs) force(pair);
-    number_paints();
   }
 
   bool structures_differ() const {
@@ -233,7 +235,7 @@ class Matching {
       throw Error(ErrorCode::failed_precondition, "the correspondence of the CAD models is ambiguous: " + chosen.question +
                                                       ", and both fit about as well; name pairs in a file with --map");
     }
-    if (note.empty()) {
+    if (note.empty() && !chosen.words.empty()) {
       note = "Structure leaves several ways to pair the models; the one that fits best " + chosen.words + " is taken" +
              how_clear(chosen) + (marks.any() ? "; " + marks.agreement() : "") + ".";
     }
@@ -257,7 +259,10 @@ class Matching {
   /// as well. A view that finds no clear answer has no say; clear answers that contradict each other are refused.
   Answer by_geometry(const Colours& start) {
     Answer chosen = by_places(start);
-    if (chosen.clear() && !std::isfinite(chosen.rival)) return chosen;  // the only way
+    if (chosen.clear() && !std::isfinite(chosen.rival)) {  // the only way
+      chosen.words.clear();
+      return chosen;
+    }
     if (chosen.clear() && chosen.counts) return chosen;
     const Answer turned = by_shape(start);
     if (turned.clear() && !chosen.clear()) return turned;
@@ -368,7 +373,7 @@ class Matching {
     Colours named = start;
     int names = 0;
     bool kept = true;
-    for (const auto& [f, other] : common_names()) {
+    for (const auto& [f, other] : names_) {
       kept = kept && start.before[f] == start.after[other];
       named = fixed(std::move(named), f, other);
       ++names;
@@ -419,49 +424,6 @@ class Matching {
     return faces;
   }
 
-  /// The colours of faces as numbers that both models share: those of a file may differ in their last digits.
-  void number_paints() {
-    if (models_[0]->face_colours.empty() || models_[1]->face_colours.empty()) return;
-    std::vector<FaceColour> known;
-    const auto number = [&](const std::optional<FaceColour>& colour) {
-      if (!colour) return unpainted;
-      for (std::size_t i = 0; i < known.size(); ++i) {
-        double most = 0;
-        for (std::size_t c = 0; c < colour->size(); ++c) most = std::max(most, std::abs(known[i][c] - (*colour)[c]));
-        if (most < same_colour) return static_cast<int>(i);
-      }
-      known.push_back(*colour);
-      return static_cast<int>(known.size()) - 1;
-    };
-    for (const auto& colour : models_[0]->face_colours) paints_before_.push_back(number(colour));
-    for (const auto& colour : models_[1]->face_colours) paints_after_.push_back(number(colour));
-  }
-
-  /// Faces that have a name of their own in both files, and that of the new one.
-  std::vector<std::array<int, 2>> common_names() const {
-    const std::map<std::string, int> old = own_names(*models_[0]), now = own_names(*models_[1]);
-    std::vector<std::array<int, 2>> pairs;
-    for (const auto& [name, f] : old) {
-      const auto other = now.find(name);
-      if (other != now.end()) pairs.push_back({f, other->second});
-    }
-    return pairs;
-  }
-
-  static std::map<std::string, int> own_names(const Model& model) {
-    std::map<std::string, int> first, count;
-    for (int f = 0; f < static_cast<int>(model.face_names.size()); ++f) {
-      const std::string& name = model.face_names[f];
-      if (name.empty() || name == "NONE") continue;
-      first.emplace(name, f);
-      ++count[name];
-    }
-    for (const auto& [name, times] : count) {
-      if (times > 1) first.erase(name);
-    }
-    return first;
-  }
-
   /// What the files call and paint otherwise than the pairs are, which was not used then.
   void add_marks_against(const std::vector<int>& pairs, std::vector<std::string>& notes) const {
     const std::string against = forced_ > 0 ? "the given pairs" : "the structure of the models";
@@ -469,7 +431,7 @@ class Matching {
       return ", such as of " + models_[0]->face_name(f) + ", whose partner is " + models_[1]->face_name(pairs[f]) + ".";
     };
     int named = 0, first = 0;
-    for (const auto& [f, other] : common_names()) {
+    for (const auto& [f, other] : names_) {
       if (pairs[f] != other && ++named == 1) first = f;
     }
     if (named > 0)
@@ -861,7 +823,8 @@ class Matching {
   const std::vector<std::map<int, int>> uses_before_, uses_after_;  ///< by face and edge
   std::optional<std::array<int, 2>> turned_;                        ///< faces whose loops ran in opposite directions
   std::vector<std::vector<int>> types_before_, types_after_;        ///< of the faces, where the graph leaves them out
-  std::vector<int> paints_before_, paints_after_;                   ///< of the faces in the files; empty where one has none
+  const std::vector<std::array<int, 2>> names_;                     ///< see common_names()
+  std::vector<int> paints_before_, paints_after_;                   ///< see numbered_colours()
   std::size_t forced_ = 0;
   int tries_ = 0;
 };

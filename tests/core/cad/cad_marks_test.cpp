@@ -232,6 +232,21 @@ TEST_F(CadMarks, OnlyOneWayOverrulesColoursAndNames) {
   EXPECT_THAT(carried.notes, Contains(HasSubstr("The colours of 2 faces differ from those of their partners and are not used")));
 }
 
+TEST_F(CadMarks, NoChoiceIsSpokenOfWhereLoopsLeaveNone) {
+  // Its mirror image is as like, with the left side for the right one, but for the way the loops run.
+  const auto part = [](double size) {
+    const TopoDS_Shape bored_block = without(block({0, 0, 0}, {4, 3, size}), rod({2, 1.5, size}, {0, 0, -1}, 0.5, 1));
+    return joined(bored_block, rod({2, 0, 1}, {0, -1, 0}, 0.5, 1));
+  };
+  const TopoDS_Shape before = part(2);
+  MoveRequest request;
+  request.before = painted(before, "before", {{{0, 1, 1}, red}});
+  request.after = painted(part(2.5), "after", {{{0, 1, 1}, red}});
+  EXPECT_THAT(carry_nodes(mesh_of(before, 0.2), request).notes, testing::Each(HasSubstr("is in metre.")));
+  request.after = painted(part(2.5), "wrong", {{{4, 1, 1}, red}});
+  EXPECT_THAT(carry_nodes(mesh_of(before, 0.2), request).notes, Contains(HasSubstr("The colours of 2 faces differ")));
+}
+
 TEST_F(CadMarks, NamesAndColoursTellTogetherWhatNeitherDoes) {
   // Which side is the front by a name, and which of the two others is the top by a colour.
   const TopoDS_Shape cube = block({0, 0, 0}, {1, 1, 1}), after = turned(cube, {0.5, 0.5, 0}, {0, 0, 1}, 45);
