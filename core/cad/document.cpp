@@ -157,6 +157,12 @@ void order_seams(const TopoDS_Shape& shape) {
   }
 }
 
+int solid_count(const TopoDS_Shape& shape) {
+  TopTools_IndexedMapOfShape solids;
+  TopExp::MapShapes(shape, TopAbs_SOLID, solids);
+  return solids.Extent();
+}
+
 /// Heals it, takes the locations out, and gives every edge a curve.
 void settle(Part& part, Model& reading, Reading how) {
   const int faces = face_count(part.shape);
@@ -174,6 +180,7 @@ void settle(Part& part, Model& reading, Reading how) {
     part.faces.clear();
     reading.notes.push_back(reading.name + ": names and colours of faces were lost by healing.");
   }
+  if (solid_count(shape) != static_cast<int>(part.solid_names.size())) part.solid_names.clear();
   part.shape = shape;
 }
 
@@ -240,6 +247,13 @@ void write_step(const Document& document, const std::filesystem::path& path) {
       if (face.IsNull()) continue;
       if (!mark.name.empty()) TDataStd_Name::Set(face, extended(mark.name));
       if (mark.colour) colours->SetColor(face, *mark.colour, XCAFDoc_ColorSurf);
+    }
+    TopTools_IndexedMapOfShape solids;
+    TopExp::MapShapes(part.shape, TopAbs_SOLID, solids);
+    for (int i = 0; i < static_cast<int>(part.solid_names.size()); ++i) {
+      if (part.solid_names[i].empty()) continue;
+      const TDF_Label solid = shapes->AddSubShape(label, solids(i + 1));
+      if (!solid.IsNull()) TDataStd_Name::Set(solid, extended(part.solid_names[i]));
     }
     if (!assembly.IsNull()) {
       const TDF_Label component = shapes->AddComponent(assembly, label, TopLoc_Location());

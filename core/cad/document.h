@@ -25,7 +25,8 @@ struct Part {
   std::string name;
   std::optional<Quantity_ColorRGBA> colour;
   std::vector<FaceMark> faces;
-  std::string place;  ///< name of the place where it stands in its assembly, such as "wheel:2"; empty: none
+  std::string place;                       ///< name of the place where it stands in its assembly, such as "wheel:2"; empty: none
+  std::vector<std::string> solid_names{};  ///< of several solids in one part, in their order; empty: none has one
 };
 
 /// What a CAD file holds. A part that stands in several places is there as often.

@@ -95,13 +95,27 @@ class PartReader {
     }
     for (int i = 1; i <= marked.Length(); ++i) {  // a solid or shell gives its colour to its faces that have none
       const TopoDS_Shape sub = XCAFDoc_ShapeTool::GetShape(marked(i));
-      const Colour own = colour_of(marked(i));
-      if (sub.ShapeType() == TopAbs_FACE || !own) continue;
+      const Colour given = colour_of(marked(i));
+      if (sub.ShapeType() == TopAbs_FACE || !given) continue;
       TopTools_IndexedMapOfShape inside;
       TopExp::MapShapes(sub, TopAbs_FACE, inside);
-      for (int f = 1; f <= inside.Extent(); ++f) mark(part, faces, inside(f), "", own);
+      for (int f = 1; f <= inside.Extent(); ++f) mark(part, faces, inside(f), "", given);
     }
+    name_solids(part, marked);
     document_.parts.push_back(std::move(part));
+  }
+
+  /// marked: labels of shapes in the part, where it stands in its own place.
+  static void name_solids(Part& part, const TDF_LabelSequence& marked) {
+    TopTools_IndexedMapOfShape solids;
+    TopExp::MapShapes(part.shape, TopAbs_SOLID, solids);
+    for (int i = 1; i <= marked.Length(); ++i) {
+      const TopoDS_Shape sub = XCAFDoc_ShapeTool::GetShape(marked(i));
+      const int s = sub.ShapeType() == TopAbs_SOLID ? solids.FindIndex(sub.Moved(part.shape.Location())) - 1 : -1;
+      if (s < 0 || name_of(marked(i)).empty()) continue;
+      part.solid_names.resize(solids.Extent());
+      part.solid_names[s] = name_of(marked(i));
+    }
   }
 
   static void mark(Part& part, const TopTools_IndexedMapOfShape& faces, const TopoDS_Shape& face, const std::string& name,

@@ -96,7 +96,9 @@ TEST_F(CadMarks, AColourTellsTwoEqualBoresApart) {
       const Vec3& p = mesh.points[carried.nodes[i]];
       const double side = p[0] > 2 ? 1 : -1;
       const bool wall = std::abs(std::hypot(p[0] - 2 - side, p[1] - 2) - 0.4) < 1e-9;
-      if (wall) EXPECT_LT(distance(carried.places[i], p + side * Vec3{-1, way, 0}), 1e-6);
+      if (wall) {
+        EXPECT_LT(distance(carried.places[i], p + side * Vec3{-1, way, 0}), 1e-6);
+      }
       nodes += wall ? 1 : 0;
     }
     EXPECT_GT(nodes, 100u);
@@ -132,7 +134,7 @@ TEST_F(CadMarks, IgesFilesHaveNamesAndColoursToo) {
   };
   const TopoDS_Shape before = two_bores({1, 0, 0}), after = two_bores({0, 1, 0});
   const Mesh mesh = mesh_of(before, 0.1);
-  for (const std::string& name : {"", "oil"}) {
+  for (const std::string name : {"", "oil"}) {
     MoveRequest request;
     request.before = iges(before, {3.4, 2, 0.5}, name, "before.igs");
     for (const double way : {1.0, -1.0}) {
@@ -141,8 +143,9 @@ TEST_F(CadMarks, IgesFilesHaveNamesAndColoursToo) {
       EXPECT_THAT(carried.notes, Contains(HasSubstr(name.empty() ? "the colours of 1 face agree" : "1 name of faces agrees")));
       for (std::size_t i = 0; i < carried.nodes.size(); ++i) {
         const Vec3& p = mesh.points[carried.nodes[i]];
-        if (std::abs(std::hypot(p[0] - 3, p[1] - 2) - 0.4) < 1e-9)
+        if (std::abs(std::hypot(p[0] - 3, p[1] - 2) - 0.4) < 1e-9) {
           EXPECT_NEAR(std::hypot(carried.places[i][0] - 2, carried.places[i][1] - 2 - way), 0.4, 1e-5);
+        }
       }
     }
     // What cad-apply writes keeps them.
@@ -222,8 +225,12 @@ TEST_F(CadMarks, OnlyOneWayOverrulesColoursAndNames) {
   request.after = step(after, "after", {{side, "inlet", red}});
   const auto expect_on_bore = [&](const CarriedNodes& carried) {
     for (const FaceOutcome& face : carried.faces) {
-      if (face.before == bore + 1) EXPECT_EQ(face.type, "cylinder");
-      if (face.before == bore + 1) EXPECT_EQ(face.after, face_at(after, {2.9, 1.5, 1}) + 1);
+      if (face.before == bore + 1) {
+        EXPECT_EQ(face.type, "cylinder");
+      }
+      if (face.before == bore + 1) {
+        EXPECT_EQ(face.after, face_at(after, {2.9, 1.5, 1}) + 1);
+      }
     }
   };
   CarriedNodes carried = carry_nodes(mesh, request);
@@ -254,10 +261,10 @@ TEST_F(CadMarks, NamesAndColoursTellTogetherWhatNeitherDoes) {
   const double s = std::sqrt(0.125);
   const auto request_of = [&](bool named, bool coloured) {
     const auto marks = [&](const TopoDS_Shape& shape, const Vec3& front) {
-      std::vector<FaceMark> marks;
-      if (named) marks.push_back({face_at(shape, front), "front", std::nullopt});
-      if (coloured) marks.push_back({face_at(shape, {0.5, 0.5, 1}), "", blue});
-      return marks;
+      std::vector<FaceMark> listed;
+      if (named) listed.push_back({face_at(shape, front), "front", std::nullopt});
+      if (coloured) listed.push_back({face_at(shape, {0.5, 0.5, 1}), "", blue});
+      return listed;
     };
     MoveRequest request;
     request.before = step(cube, "before", marks(cube, {0.5, 0, 0.5}));
@@ -276,13 +283,13 @@ TEST_F(CadMarks, NamesAndColoursDecideWherePlacesContradictEachOther) {
   const auto request_of = [&](const std::vector<double>& order, bool named, bool coloured) {
     const std::array<std::string, 4> names{"a", "b", "c", "d"};
     const auto marks = [&](const TopoDS_Shape& shape, double first, const std::vector<double>& places) {
-      std::vector<FaceMark> marks;
+      std::vector<FaceMark> listed;
       for (std::size_t i = 0; i < places.size(); ++i) {
         const auto colour =
             coloured ? std::optional<Quantity_ColorRGBA>(Quantity_Color(0.2 * i, 0, 0, Quantity_TOC_sRGB)) : std::nullopt;
-        marks.push_back({face_at(shape, {first + 2 * places[i], 0.6, 0.2}), named ? names[i] : "", colour});
+        listed.push_back({face_at(shape, {first + 2 * places[i], 0.6, 0.2}), named ? names[i] : "", colour});
       }
-      return marks;
+      return listed;
     };
     MoveRequest request;
     request.before = step(before, "before", marks(before, 1, {0, 1, 2, 3}));

@@ -546,7 +546,9 @@ TEST_F(CadFiles, IgesOfASolidIsOne) {
   for (std::size_t i = 0; i < carried.nodes.size(); ++i) {
     const Vec3 &p = mesh.points[carried.nodes[i]], &q = carried.places[i];
     EXPECT_LT(distance_from(q, skin(after)), 2e-6);  // the file has seven digits
-    if (std::abs(std::hypot(p[0] - 1.5, p[1] - 1.2) - 0.5) < 1e-9) EXPECT_NEAR(std::hypot(q[0] - 2.1, q[1] - 1.5), 0.8, 2e-6);
+    if (std::abs(std::hypot(p[0] - 1.5, p[1] - 1.2) - 0.5) < 1e-9) {
+      EXPECT_NEAR(std::hypot(q[0] - 2.1, q[1] - 1.5), 0.8, 2e-6);
+    }
   }
   EXPECT_EQ(carried.flipped() + carried.outside(), 0u);
   const Model one = read_model(request.after, 1);

@@ -78,6 +78,7 @@ TEST(CadDocument, FacesHaveTheColourOfTheirSolidOrTheirOwn) {
   const TopoDS_Shape second = solids.Current();
   const TDF_Label named = shapes->AddSubShape(part, faces_of(second)(2));
   TDataStd_Name::Set(named, "inlet");
+  TDataStd_Name::Set(shapes->AddSubShape(part, second), "lid");
   const auto paint = [&](const TopoDS_Shape& sub, double red, double green, double blue) {
     colours->SetColor(shapes->AddSubShape(part, sub), Quantity_Color(red, green, blue, Quantity_TOC_RGB), XCAFDoc_ColorSurf);
   };
@@ -98,6 +99,7 @@ TEST(CadDocument, FacesHaveTheColourOfTheirSolidOrTheirOwn) {
   const auto expect_marks = [](const std::filesystem::path& file) {
     const Document read = read_document(file);
     ASSERT_EQ(read.parts.size(), 1u);
+    EXPECT_EQ(read.parts[0].solid_names, (std::vector<std::string>{"", "lid"}));
     std::map<int, FaceMark> marks;
     for (const FaceMark& mark : read.parts[0].faces) EXPECT_TRUE(marks.emplace(mark.face, mark).second) << "one for each face";
     for (int f = 0; f < 6; ++f) EXPECT_EQ(marks.count(f), 0u) << f;
