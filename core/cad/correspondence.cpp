@@ -12,11 +12,13 @@
 #include <limits>
 #include <map>
 #include <optional>
+#include <tuple>
 #include <unordered_map>
 
 #include "core/base/error.h"
 #include "core/base/number_text.h"
 #include "core/base/vectors.h"
+#include "core/cad/face_marks.h"
 #include "core/cad/model_graph.h"
 
 namespace deform::cad {
@@ -72,7 +74,9 @@ class Matching {
         before_(graph_of(before, types)),
         after_(graph_of(after, types)),
         uses_before_(uses(before)),
-        uses_after_(uses(after)) {
+        uses_after_(uses(after)),
+        names_(common_names(before, after)) {
+    std::tie(paints_before_, paints_after_) = numbered_colours(before, after);
     if (types == FaceTypes::left_out) leave_types();
     for (const ForcedPair& pair : pairs) force(pair);
   }
@@ -87,16 +91,13 @@ class Matching {
     if (!refine(start)) refuse_structure(start);
     if (!may_run_so(start)) refuse_turn();
     std::string note;
-    try {
-      start = decide(std::move(start), note);
-    } catch (const TooManySymmetries&) {
-      throw Error(ErrorCode::failed_precondition, "the CAD models have too many symmetries; name pairs in a file with --map");
-    }
+    start = decide(std::move(start), note);
     const std::vector<int> pairs = partners(start);
     prove(pairs);
     check_types(pairs);
     Correspondence found = with_senses(pairs);
     if (!note.empty()) found.notes.push_back(note);
+    add_marks_against(pairs, found.notes);
     return found;
   }
 
@@ -169,23 +170,27 @@ class Matching {
     std::size_t classes = 0;
     while (true) {
       if (!balanced(colours)) return false;
-      std::unordered_map<std::uint64_t, int> ids;
-      const auto next = [&](const ModelGraph& graph, const std::vector<int>& old) {
-        std::vector<int> result(old.size());
-        for (int i = 0; i < graph.size_of_graph(); ++i) {
-          std::uint64_t key = scrambled(~static_cast<std::uint64_t>(old[i]));
-          for (const int j : graph.neighbours[i]) key += scrambled(static_cast<std::uint64_t>(old[j]));
-          result[i] = ids.try_emplace(key, static_cast<int>(ids.size())).first->second;
-        }
-        return result;
-      };
-      Colours finer;
-      finer.before = next(before_, colours.before);
-      finer.after = next(after_, colours.after);
-      colours = std::move(finer);
-      if (ids.size() == classes) return balanced(colours);
-      classes = ids.size();
+      const std::size_t finer = tell_neighbours(colours);
+      if (finer == classes) return balanced(colours);
+      classes = finer;
     }
+  }
+
+  /// Colours by those of the entities and of their neighbours; returns how many there are then.
+  std::size_t tell_neighbours(Colours& colours) const {
+    std::unordered_map<std::uint64_t, int> ids;
+    const auto next = [&](const ModelGraph& graph, const std::vector<int>& old) {
+      std::vector<int> result(old.size());
+      for (int i = 0; i < graph.size_of_graph(); ++i) {
+        std::uint64_t key = scrambled(~static_cast<std::uint64_t>(old[i]));
+        for (const int j : graph.neighbours[i]) key += scrambled(static_cast<std::uint64_t>(old[j]));
+        result[i] = ids.try_emplace(key, static_cast<int>(ids.size())).first->second;
+      }
+      return result;
+    };
+    colours.before = next(before_, colours.before);
+    colours.after = next(after_, colours.after);
+    return ids.size();
   }
 
   /// The finalizer of splitmix64.
@@ -209,37 +214,62 @@ class Matching {
     }
   }
 
-  /// What structure leaves open is decided by places: what stays where it is, how far entities move as they lie in the files,
-  /// after a translation and a scaling, and after a turn as well. A view that finds no clear answer has no say; clear answers
-  /// that contradict each other are refused.
+  /// What structure leaves open is decided by places, see by_geometry(), else by what the files call and paint the faces. Clear
+  /// answers that contradict each other are refused.
   Colours decide(Colours start, std::string& note) {
     if (branch(start, file_view()).of < 0) return start;
-    Answer chosen = by_places(start);
-    if (chosen.clear() && !std::isfinite(chosen.rival)) return std::move(chosen.colours);  // the only way
-    const bool veto = forced_ == 0;                                                        // whoever gives pairs decides
-    if (!chosen.clear() || !chosen.counts) {
-      const Answer turned = by_shape(start);
-      if (turned.clear() && !chosen.clear()) {
-        chosen = turned;
-      } else if (veto && turned.clear() && differ(chosen, turned) && far_better * turned.cost + 1e-9 < laid_best(chosen.pairs)) {
-        refuse_contradiction(chosen, turned);
-      }
+    const Marks marks = by_marks(start);
+    std::optional<Error> refusal;
+    Answer chosen = attempt(start, refusal);
+    if (!chosen.clear() && marks.any()) {
+      std::optional<Error> again;
+      chosen = attempt(marks.colours, again);
+      if (!refusal) refusal = again;
+      chosen.words = marks.words();
+      note = "Structure and places leave several ways to pair the models; " + marks.agreement() + " with the one that is taken.";
+    } else if (chosen.clear() && marks.any() && forced_ == 0) {  // whoever gives pairs decides
+      refuse_against(chosen, marks);
     }
-    const Answer named = by_names(start, note);
-    if (named.found() && !chosen.clear()) {
-      chosen = named;
-    } else if (veto && named.found() && differ(chosen, named)) {
-      refuse_contradiction(chosen, named);
-    }
+    if (!chosen.clear() && refusal) throw Error(*refusal);
     if (!chosen.clear()) {
       throw Error(ErrorCode::failed_precondition, "the correspondence of the CAD models is ambiguous: " + chosen.question +
                                                       ", and both fit about as well; name pairs in a file with --map");
     }
-    if (note.empty()) {
+    if (note.empty() && !chosen.words.empty()) {
       note = "Structure leaves several ways to pair the models; the one that fits best " + chosen.words + " is taken" +
-             how_clear(chosen) + ".";
+             how_clear(chosen) + (marks.any() ? "; " + marks.agreement() : "") + ".";
     }
     return std::move(chosen.colours);
+  }
+
+  /// by_geometry(), with the reason where it finds a contradiction.
+  Answer attempt(const Colours& start, std::optional<Error>& refusal) {
+    try {
+      return by_geometry(start);
+    } catch (const TooManySymmetries&) {
+      refusal = Error(ErrorCode::failed_precondition, "the CAD models have too many symmetries; name pairs in a file with --map");
+    } catch (const Error& error) {
+      if (error.code() != ErrorCode::failed_precondition) throw;
+      refusal = error;
+    }
+    return {};
+  }
+
+  /// What stays where it is, how far entities move as they lie in the files, after a translation and a scaling, and after a turn
+  /// as well. A view that finds no clear answer has no say; clear answers that contradict each other are refused.
+  Answer by_geometry(const Colours& start) {
+    Answer chosen = by_places(start);
+    if (chosen.clear() && !std::isfinite(chosen.rival)) {  // the only way
+      chosen.words.clear();
+      return chosen;
+    }
+    if (chosen.clear() && chosen.counts) return chosen;
+    const Answer turned = by_shape(start);
+    if (turned.clear() && !chosen.clear()) return turned;
+    if (forced_ == 0 && turned.clear() && differ(chosen, turned) && far_better * turned.cost + 1e-9 < laid_best(chosen.pairs)) {
+      refuse_contradiction(chosen, turned);
+    }
+    return chosen;
   }
 
   static std::string how_clear(const Answer& answer) {
@@ -316,48 +346,124 @@ class Matching {
     return cost_of(pairs, view_of(best_placement(before_, after_, pairs), ""));
   }
 
-  /// The faces that have names of their own in both files are partners, if structure allows it.
-  Answer by_names(const Colours& start, std::string& note) {
-    const std::map<std::string, int> old = own_names(*models_[0]), now = own_names(*models_[1]);
+  /// What names and colours of faces in the files tell apart.
+  struct Marks {
+    Colours colours;  ///< of structure, names and colours
+    int names = 0;    ///< pairs of faces that have a name of their own in both files
+    int painted = 0;  ///< faces with a colour that is as often among their like in both files
+    bool any() const { return names + painted > 0; }
+    std::string words() const {
+      return std::string("by the ") +
+             (names == 0     ? "colours"
+              : painted == 0 ? "names"
+                             : "names and colours") +
+             " of faces in the files";
+    }
+    std::string agreement() const {
+      const auto counted = [](int n, const char* what) { return std::to_string(n) + " " + what + (n == 1 ? "" : "s"); };
+      if (painted == 0) return counted(names, "name") + " of faces " + (names == 1 ? "agrees" : "agree");
+      if (names == 0) return "the colours of " + counted(painted, "face") + " agree";
+      return counted(names, "name") + " of faces and the colours of " + std::to_string(painted) + " agree";
+    }
+  };
+
+  /// Names first, and colours where they do not contradict them. What structure forbids is left out; marks_against() says so.
+  Marks by_marks(const Colours& start) {
+    Marks marks{start, 0, 0};
     Colours named = start;
-    int pairs = 0;
-    for (const auto& [name, f] : old) {
-      const auto other = now.find(name);
-      if (other == now.end()) continue;
-      named = fixed(std::move(named), f, other->second);
-      ++pairs;
+    int names = 0;
+    bool kept = true;
+    for (const auto& [f, other] : names_) {
+      kept = kept && start.before[f] == start.after[other];
+      named = fixed(std::move(named), f, other);
+      ++names;
     }
-    if (pairs == 0) return {};
-    const bool kept = std::all_of(old.begin(), old.end(), [&](const auto& entry) {
-      const auto other = now.find(entry.first);
-      return other == now.end() || start.before[entry.second] == start.after[other->second];
-    });
-    const auto told = kept ? refined(std::move(named)) : std::nullopt;
-    if (!told) {
-      note = "The names of the faces in the files contradict the structure of the models and are not used.";
-      return {};
-    }
-    Answer answer = choose(*told, file_view());
-    answer.words = "by the names of faces in the files";
-    if (!answer.clear()) return {};
-    if (note.empty())
-      note = "Structure leaves several ways to pair the models; " + std::to_string(pairs) +
-             " names of faces agree with the one that is taken.";
-    return answer;
+    if (names > 0 && kept) take(std::move(named), marks, names, marks.names);
+    Colours painted = marks.colours;
+    const int faces = paint(painted);
+    if (faces > 0) take(std::move(painted), marks, faces, marks.painted);
+    return marks;
   }
 
-  static std::map<std::string, int> own_names(const Model& model) {
-    std::map<std::string, int> first, count;
-    for (int f = 0; f < static_cast<int>(model.face_names.size()); ++f) {
-      const std::string& name = model.face_names[f];
-      if (name.empty() || name == "NONE") continue;
-      first.emplace(name, f);
-      ++count[name];
+  /// What neighbours make of it, where structure allows it.
+  void take(Colours told, Marks& marks, int count, int& counted) {
+    try {
+      tries_ = 0;
+      std::optional<Colours> finer = refined(std::move(told));
+      if (!finer || !complete(*finer, file_view())) return;
+      marks.colours = *std::move(finer);
+      counted = count;
+    } catch (const TooManySymmetries&) {  // no way was found
     }
-    for (const auto& [name, times] : count) {
-      if (times > 1) first.erase(name);
+  }
+
+  /// Tells faces that may be partners apart by their colours in the files, where as many of them have it in both files; returns
+  /// how many those are.
+  int paint(Colours& colours) const {
+    if (paints_before_.empty() || paints_after_.empty()) return 0;
+    std::map<std::array<int, 2>, std::array<int, 2>> counts;  // by class and paint
+    std::map<int, int> sizes;
+    for (int f = 0; f < before_.first_edge; ++f) ++sizes[colours.before[f]];
+    for (int f = 0; f < before_.first_edge; ++f) ++counts[{colours.before[f], paints_before_[f]}][0];
+    for (int f = 0; f < after_.first_edge; ++f) ++counts[{colours.after[f], paints_after_[f]}][1];
+    int fresh = 1 + std::max(*std::max_element(colours.before.begin(), colours.before.end()),
+                             *std::max_element(colours.after.begin(), colours.after.end()));
+    int faces = 0;
+    for (const auto& [key, count] : counts) {
+      const auto [colour, paint] = key;
+      if (paint == unpainted || count[0] != count[1] || count[0] == sizes[colour]) continue;
+      for (int f = 0; f < before_.first_edge; ++f) {
+        if (colours.before[f] == colour && paints_before_[f] == paint) colours.before[f] = fresh;
+      }
+      for (int f = 0; f < after_.first_edge; ++f) {
+        if (colours.after[f] == colour && paints_after_[f] == paint) colours.after[f] = fresh;
+      }
+      ++fresh;
+      faces += count[0];
     }
-    return first;
+    return faces;
+  }
+
+  /// What the files call and paint otherwise than the pairs are, which was not used then.
+  void add_marks_against(const std::vector<int>& pairs, std::vector<std::string>& notes) const {
+    const std::string against = forced_ > 0 ? "the given pairs" : "the structure of the models";
+    const auto example = [&](int f) {
+      return ", such as of " + models_[0]->face_name(f) + ", whose partner is " + models_[1]->face_name(pairs[f]) + ".";
+    };
+    int named = 0, first = 0;
+    for (const auto& [f, other] : names_) {
+      if (pairs[f] != other && ++named == 1) first = f;
+    }
+    if (named > 0)
+      notes.push_back("The names of faces in the files contradict " + against + " and are not used" + example(first));
+    if (paints_before_.empty()) return;
+    const auto has = [](const std::vector<int>& paints, int paint) {
+      return paint != unpainted && std::find(paints.begin(), paints.end(), paint) != paints.end();
+    };
+    int painted = 0;
+    for (int f = 0; f < before_.first_edge; ++f) {
+      const int old = paints_before_[f], now = paints_after_[pairs[f]];
+      if (old == now || !(has(paints_after_, old) || has(paints_before_, now))) continue;
+      if (++painted == 1) first = f;
+    }
+    if (painted == 0) return;
+    if (painted == 1) {
+      notes.push_back("The colour of " + models_[0]->face_name(first) + " differs from that of its partner, " +
+                      models_[1]->face_name(pairs[first]) + ", and is not used.");
+    } else {
+      notes.push_back("The colours of " + std::to_string(painted) +
+                      " faces differ from those of their partners and are not used" + example(first));
+    }
+  }
+
+  /// A clear answer by places that does not keep what names and colours tell apart.
+  void refuse_against(const Answer& answer, const Marks& marks) const {
+    for (int f = 0; f < before_.first_edge; ++f) {
+      if (marks.colours.before[f] == marks.colours.after[answer.pairs[f]]) continue;
+      int other = 0;
+      while (marks.colours.after[other] != marks.colours.before[f]) ++other;
+      refuse_contradiction(f, answer.pairs[f], answer.words, other, marks.words());
+    }
   }
 
   bool differ(const Answer& a, const Answer& b) const {
@@ -367,10 +473,14 @@ class Matching {
   [[noreturn]] void refuse_contradiction(const Answer& a, const Answer& b) const {
     int i = 0;
     while (a.pairs[i] == b.pairs[i]) ++i;
+    refuse_contradiction(i, a.pairs[i], a.words, b.pairs[i], b.words);
+  }
+
+  [[noreturn]] void refuse_contradiction(int i, int one, const std::string& by, int other, const std::string& but_by) const {
     throw Error(ErrorCode::failed_precondition,
                 "the correspondence of the CAD models is ambiguous: the partner of " + before_.name(*models_[0], i) +
-                    " of the old model is " + after_.name(*models_[1], a.pairs[i]) + " " + a.words + ", but " +
-                    after_.name(*models_[1], b.pairs[i]) + " " + b.words + "; name pairs in a file with --map");
+                    " of the old model is " + after_.name(*models_[1], one) + " " + by + ", but " +
+                    after_.name(*models_[1], other) + " " + but_by + "; name pairs in a file with --map");
   }
 
   View view_of(const Placement& placement, const std::string& words) const {
@@ -577,14 +687,31 @@ class Matching {
     return uses;
   }
 
+  /// Whether each colour of a face is there as often in both models.
+  bool same_faces(const Colours& colours) const {
+    std::vector<int> old(colours.before.begin(), colours.before.begin() + before_.first_edge);
+    std::vector<int> now(colours.after.begin(), colours.after.begin() + after_.first_edge);
+    std::sort(old.begin(), old.end());
+    std::sort(now.begin(), now.end());
+    return old == now;
+  }
+
   /// Names what has no partner: the face that differs from the nearest one of the new model without a partner.
-  [[noreturn]] void refuse_structure(const Colours& colours) const {
+  [[noreturn]] void refuse_structure(Colours colours) const {
+    // What differs first may be edges or loops only.
+    for (std::size_t classes = 0; same_faces(colours);) {
+      const std::size_t finer = tell_neighbours(colours);
+      if (finer == classes) break;
+      classes = finer;
+    }
     const Model &old = *models_[0], &now = *models_[1];
     const View view = moved_view();
     std::map<int, int> surplus;
     for (const int c : colours.before) ++surplus[c];
     for (const int c : colours.after) --surplus[c];
     std::string text = "the CAD models differ in structure: " + counts(old) + " became " + counts(now);
+    const auto solids = [](const Model& model) { return std::to_string(model.solids.Extent()); };
+    if (old.solids.Extent() != now.solids.Extent()) text += ", solids: " + solids(old) + " and " + solids(now);
     const int first = first_with(colours.before, before_.first_edge, surplus, 1);
     const int lone = first_with(colours.after, after_.first_edge, surplus, -1);
     if (first >= 0) {
@@ -600,7 +727,8 @@ class Matching {
       text += "; " + old.face_name(first) + " has " + before_.loops(first) + (same_loops ? before_.bulge(first) : "");
       text += near < 0 ? " and no partner in the new model"
                        : ", the nearest one without a partner in the new model, " + now.face_name(near) + ", has " +
-                             after_.loops(near) + (same_loops ? after_.bulge(near) : "");
+                             after_.loops(near) + (same_loops ? after_.bulge(near) : "") +
+                             (same_loops && before_.bulge(first) == after_.bulge(near) ? ", but other neighbours" : "");
     } else if (lone >= 0) {
       text += "; " + now.face_name(lone) + " of the new model has " + after_.loops(lone) + " and no partner in the old one";
     }
@@ -695,6 +823,8 @@ class Matching {
   const std::vector<std::map<int, int>> uses_before_, uses_after_;  ///< by face and edge
   std::optional<std::array<int, 2>> turned_;                        ///< faces whose loops ran in opposite directions
   std::vector<std::vector<int>> types_before_, types_after_;        ///< of the faces, where the graph leaves them out
+  const std::vector<std::array<int, 2>> names_;                     ///< see common_names()
+  std::vector<int> paints_before_, paints_after_;                   ///< see numbered_colours()
   std::size_t forced_ = 0;
   int tries_ = 0;
 };

@@ -25,8 +25,10 @@ struct Correspondence {
 /// that keeps the types of the faces, bores and bosses, outer loops of planes and the way the loops run. Where there are several,
 /// these decide, the first that has a clear answer: how many entities stay in place; sums of squared distances as the models lie
 /// in their files and after a translation and a scaling; the same after the similarity that fits best; names that single faces
-/// have in both files. An answer is clear if no other that was found comes near. Distances in the files that speak against what
-/// stays, a similarity that fits far better and names that say otherwise are a veto, but the last two not where pairs are given.
+/// have in both files, and colours that as many faces have among those that may be partners. An answer is clear if no other that
+/// was found comes near. Distances in the files that speak against what stays, and a similarity that fits far better, are a veto,
+/// which names and colours overrule where they leave no choice; names and colours that say otherwise than a clear answer are one
+/// as well. Where pairs are given, only the first is. Notes name what names and colours say otherwise than the result.
 /// types: left_out: the partner of a face may also be a spline surface or another without a shape of its own, or have been one; a
 /// plane is no partner of a cylinder all the same.
 /// Throws Error(failed_precondition) naming faces when there is no way, none that is clear, or a contradiction;

@@ -20,17 +20,13 @@
 #include <TColStd_SequenceOfAsciiString.hxx>
 #include <TCollection_HAsciiString.hxx>
 #include <TDF_Label.hxx>
-#include <TDF_LabelSequence.hxx>
 #include <TDataStd_Name.hxx>
-#include <TDocStd_Document.hxx>
 #include <TopExp.hxx>
 #include <TopExp_Explorer.hxx>
 #include <TopTools_IndexedMapOfShape.hxx>
 #include <TopoDS.hxx>
 #include <TopoDS_Compound.hxx>
-#include <XCAFApp_Application.hxx>
 #include <XCAFDoc_ColorTool.hxx>
-#include <XCAFDoc_DocumentTool.hxx>
 #include <XCAFDoc_ShapeTool.hxx>
 #include <XSAlgo.hxx>
 #include <XSAlgo_AlgoContainer.hxx>
@@ -45,31 +41,11 @@
 #include "core/base/text.h"
 #include "core/cad/deformed_shape.h"
 #include "core/cad/model.h"
+#include "core/cad/step_parts.h"
 
 namespace deform::cad {
 
 namespace {
-
-Handle(TDocStd_Document) empty_document() {
-  Handle(TDocStd_Document) document;
-  XCAFApp_Application::GetApplication()->NewDocument("MDTV-XCAF", document);
-  return document;
-}
-
-/// Closes it when it goes.
-class OpenDocument {
- public:
-  OpenDocument() : document_(empty_document()) {}
-  ~OpenDocument() { XCAFApp_Application::GetApplication()->Close(document_); }
-  OpenDocument(const OpenDocument&) = delete;
-  OpenDocument& operator=(const OpenDocument&) = delete;
-  const Handle(TDocStd_Document) & get() const { return document_; }
-  Handle(XCAFDoc_ShapeTool) shapes() const { return XCAFDoc_DocumentTool::ShapeTool(document_->Main()); }
-  Handle(XCAFDoc_ColorTool) colours() const { return XCAFDoc_DocumentTool::ColorTool(document_->Main()); }
-
- private:
-  Handle(TDocStd_Document) document_;
-};
 
 /// What OpenCASCADE does to shapes that it has read: nothing.
 class NoMending : public XSAlgo_AlgoContainer {
@@ -99,99 +75,23 @@ class WithoutMending {
   Handle(XSAlgo_AlgoContainer) usual_;
 };
 
-std::string name_of(const TDF_Label& label) {
-  Handle(TDataStd_Name) name;
-  if (!label.FindAttribute(TDataStd_Name::GetID(), name)) return {};
-  const TCollection_ExtendedString& text = name->Get();
-  std::string utf8(static_cast<std::size_t>(text.LengthOfCString()), '\0');
-  Standard_PCharacter start = utf8.data();
-  text.ToUTF8CString(start);
-  return utf8;
-}
-
 TCollection_ExtendedString extended(const std::string& text) { return {text.c_str(), true}; }
 
-/// The parts of a document, where they stand.
-class PartReader {
- public:
-  PartReader(const OpenDocument& open, Document& document)
-      : shapes_(open.shapes()), colours_(open.colours()), document_(document) {}
-
-  void read() {
-    TDF_LabelSequence roots;
-    shapes_->GetFreeShapes(roots);
-    for (int i = 1; i <= roots.Length(); ++i) {
-      if (roots.Length() == 1 && XCAFDoc_ShapeTool::IsAssembly(roots(i))) document_.name = name_of(roots(i));
-      add(roots(i), TopLoc_Location(), std::nullopt);
+/// What an IGES file calls and paints its faces.
+std::vector<FaceMark> marks_of(const Model& reading, int faces) {
+  std::vector<FaceMark> marks;
+  for (int f = 0; f < faces; ++f) {
+    FaceMark mark;
+    mark.face = f;
+    if (!reading.face_names.empty()) mark.name = reading.face_names[f];
+    if (!reading.face_colours.empty() && reading.face_colours[f]) {
+      const auto& [red, green, blue, opacity] = *reading.face_colours[f];
+      mark.colour = Quantity_ColorRGBA(Quantity_Color(red, green, blue, Quantity_TOC_sRGB), static_cast<float>(opacity));
     }
+    if (!mark.name.empty() || mark.colour) marks.push_back(mark);
   }
-
- private:
-  using Colour = std::optional<Quantity_ColorRGBA>;
-
-  Colour colour_of(const TDF_Label& label, const Colour& otherwise) const {
-    Quantity_ColorRGBA colour;
-    for (const XCAFDoc_ColorType type : {XCAFDoc_ColorSurf, XCAFDoc_ColorGen}) {
-      if (colours_->GetColor(label, type, colour)) return colour;
-    }
-    return otherwise;
-  }
-
-  void add(const TDF_Label& label, const TopLoc_Location& place, const Colour& inherited) {
-    const Colour colour = colour_of(label, inherited);
-    if (XCAFDoc_ShapeTool::IsReference(label)) {
-      TDF_Label referred;
-      XCAFDoc_ShapeTool::GetReferredShape(label, referred);
-      add(referred, place * XCAFDoc_ShapeTool::GetLocation(label), colour);
-    } else if (XCAFDoc_ShapeTool::IsAssembly(label)) {
-      TDF_LabelSequence components;
-      XCAFDoc_ShapeTool::GetComponents(label, components);
-      for (int i = 1; i <= components.Length(); ++i) add(components(i), place, colour);
-    } else {
-      add_part(label, place, colour);
-    }
-  }
-
-  void add_part(const TDF_Label& label, const TopLoc_Location& place, const Colour& colour) {
-    const TopoDS_Shape shape = XCAFDoc_ShapeTool::GetShape(label);
-    if (shape.IsNull() || face_count(shape) == 0) return;
-    Part part{shape.Moved(place), name_of(label), colour, {}};
-    TopTools_IndexedMapOfShape faces;
-    TopExp::MapShapes(shape, TopAbs_FACE, faces);
-    TDF_LabelSequence marked;
-    XCAFDoc_ShapeTool::GetSubShapes(label, marked);
-    for (int i = 1; i <= marked.Length(); ++i) {
-      const TopoDS_Shape sub = XCAFDoc_ShapeTool::GetShape(marked(i));
-      if (sub.ShapeType() == TopAbs_FACE) mark(part, faces, sub, name_of(marked(i)), colour_of(marked(i), std::nullopt));
-    }
-    for (int i = 1; i <= marked.Length(); ++i) {  // a solid or shell gives its colour to its faces that have none
-      const TopoDS_Shape sub = XCAFDoc_ShapeTool::GetShape(marked(i));
-      const Colour own = colour_of(marked(i), std::nullopt);
-      if (sub.ShapeType() == TopAbs_FACE || !own) continue;
-      TopTools_IndexedMapOfShape inside;
-      TopExp::MapShapes(sub, TopAbs_FACE, inside);
-      for (int f = 1; f <= inside.Extent(); ++f) mark(part, faces, inside(f), "", own);
-    }
-    document_.parts.push_back(std::move(part));
-  }
-
-  static void mark(Part& part, const TopTools_IndexedMapOfShape& faces, const TopoDS_Shape& face, const std::string& name,
-                   const Colour& colour) {
-    const int f = faces.FindIndex(face) - 1;
-    if (f < 0 || (name.empty() && !colour)) return;
-    for (FaceMark& known : part.faces) {
-      if (known.face != f) continue;
-      if (!name.empty()) known.name = name;
-      if (!known.colour) known.colour = colour;
-      return;
-    }
-    part.faces.push_back({f, name, colour});
-  }
-
-  const Handle(XCAFDoc_ShapeTool) shapes_;
-  const Handle(XCAFDoc_ColorTool) colours_;
-  Document& document_;
-};
+  return marks;
+}
 
 void read_step_parts(const std::filesystem::path& path, Model& reading, Document& document) {
   STEPCAFControl_Reader reader;
@@ -207,7 +107,7 @@ void read_step_parts(const std::filesystem::path& path, Model& reading, Document
   const OpenDocument open;
   Handle(TDocStd_Document) filled = open.get();
   if (!reader.Transfer(filled)) throw Error(ErrorCode::invalid_argument, reading.name + ": the CAD model is empty");
-  PartReader(open, document).read();
+  read_parts(open, document);
 }
 
 /// Start and end in (u, v) of an edge as it runs in a face, which is taken forwards.
@@ -257,6 +157,12 @@ void order_seams(const TopoDS_Shape& shape) {
   }
 }
 
+int solid_count(const TopoDS_Shape& shape) {
+  TopTools_IndexedMapOfShape solids;
+  TopExp::MapShapes(shape, TopAbs_SOLID, solids);
+  return solids.Extent();
+}
+
 /// Heals it, takes the locations out, and gives every edge a curve.
 void settle(Part& part, Model& reading, Reading how) {
   const int faces = face_count(part.shape);
@@ -274,6 +180,7 @@ void settle(Part& part, Model& reading, Reading how) {
     part.faces.clear();
     reading.notes.push_back(reading.name + ": names and colours of faces were lost by healing.");
   }
+  if (solid_count(shape) != static_cast<int>(part.solid_names.size())) part.solid_names.clear();
   part.shape = shape;
 }
 
@@ -341,9 +248,16 @@ void write_step(const Document& document, const std::filesystem::path& path) {
       if (!mark.name.empty()) TDataStd_Name::Set(face, extended(mark.name));
       if (mark.colour) colours->SetColor(face, *mark.colour, XCAFDoc_ColorSurf);
     }
+    TopTools_IndexedMapOfShape solids;
+    TopExp::MapShapes(part.shape, TopAbs_SOLID, solids);
+    for (int i = 0; i < static_cast<int>(part.solid_names.size()); ++i) {
+      if (part.solid_names[i].empty()) continue;
+      const TDF_Label solid = shapes->AddSubShape(label, solids(i + 1));
+      if (!solid.IsNull()) TDataStd_Name::Set(solid, extended(part.solid_names[i]));
+    }
     if (!assembly.IsNull()) {
       const TDF_Label component = shapes->AddComponent(assembly, label, TopLoc_Location());
-      TDataStd_Name::Set(component, extended(part.name));
+      TDataStd_Name::Set(component, extended(part.place.empty() ? part.name : part.place));
     }
   }
   shapes->UpdateAssemblies();
@@ -400,7 +314,9 @@ Document read_document(const std::filesystem::path& path, Reading how) {
       read_step_parts(path, reading, document);
     } else {
       const TopoDS_Shape shape = read_shape(path, reading);
-      if (!shape.IsNull() && face_count(shape) > 0) document.parts.push_back({shape, path.stem().string(), std::nullopt, {}});
+      if (!shape.IsNull() && face_count(shape) > 0) {
+        document.parts.push_back({shape, path.stem().string(), std::nullopt, marks_of(reading, face_count(shape)), {}});
+      }
     }
     for (Part& part : document.parts) settle(part, reading, how);
   } catch (const Standard_Failure& failure) {

@@ -25,6 +25,8 @@ struct Part {
   std::string name;
   std::optional<Quantity_ColorRGBA> colour;
   std::vector<FaceMark> faces;
+  std::string place;                       ///< name of the place where it stands in its assembly, such as "wheel:2"; empty: none
+  std::vector<std::string> solid_names{};  ///< of several solids in one part, in their order; empty: none has one
 };
 
 /// What a CAD file holds. A part that stands in several places is there as often.
@@ -40,8 +42,8 @@ struct Document {
 /// tolerances of edges, from their gaps, and the sides of seams; degenerate edges are missing.
 enum class Reading { healed, mended, as_it_stands };
 
-/// Reads STEP with the names and colours of parts and faces, IGES (sewn) and BREP without. Edges get curves in space where they
-/// have none. Throws Error(not_found, invalid_argument) naming the file.
+/// Reads STEP with the names and colours of parts and faces, IGES (sewn) with those of faces and BREP without. Edges get curves
+/// in space where they have none. Throws Error(not_found, invalid_argument) naming the file.
 Document read_document(const std::filesystem::path& path, Reading how = Reading::healed);
 
 /// Writes .step or .stp with names and colours, or .brep, in the unit that was read last; an assembly of several parts has one

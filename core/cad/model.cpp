@@ -5,20 +5,26 @@
 #include <BRepAdaptor_Curve.hxx>
 #include <BRepAdaptor_Surface.hxx>
 #include <BRepBndLib.hxx>
+#include <BRepBuilderAPI_MakeSolid.hxx>
 #include <BRepBuilderAPI_Sewing.hxx>
 #include <BRepBuilderAPI_Transform.hxx>
 #include <BRepCheck_Analyzer.hxx>
+#include <BRepLib.hxx>
 #include <BRepTools.hxx>
+#include <BRepTools_History.hxx>
 #include <BRepTopAdaptor_FClass2d.hxx>
 #include <BRep_Builder.hxx>
 #include <BRep_Tool.hxx>
 #include <Bnd_Box.hxx>
+#include <IGESCAFControl_Reader.hxx>
 #include <IGESControl_Reader.hxx>
+#include <IGESData_IGESEntity.hxx>
 #include <IGESData_IGESModel.hxx>
 #include <Interface_Static.hxx>
 #include <Message.hxx>
 #include <Message_Messenger.hxx>
 #include <Message_Printer.hxx>
+#include <STEPCAFControl_Reader.hxx>
 #include <STEPControl_Controller.hxx>
 #include <STEPControl_Reader.hxx>
 #include <ShapeFix_Shape.hxx>
@@ -28,11 +34,17 @@
 #include <TColStd_SequenceOfAsciiString.hxx>
 #include <TCollection_HAsciiString.hxx>
 #include <TopExp.hxx>
+#include <TopExp_Explorer.hxx>
+#include <TopTools_ListOfShape.hxx>
 #include <TopoDS.hxx>
+#include <TopoDS_Compound.hxx>
 #include <TopoDS_Iterator.hxx>
+#include <TopoDS_Shell.hxx>
+#include <TopoDS_Solid.hxx>
 #include <Transfer_TransientProcess.hxx>
 #include <XSControl_TransferReader.hxx>
 #include <XSControl_WorkSession.hxx>
+#include <algorithm>
 #include <array>
 #include <fstream>
 #include <utility>
@@ -42,6 +54,7 @@
 #include "core/base/small_file.h"
 #include "core/base/text.h"
 #include "core/cad/availability.h"
+#include "core/cad/step_parts.h"
 
 namespace deform::cad {
 
@@ -113,20 +126,30 @@ std::string description_of(const STEPControl_Reader& reader) {
   return text;
 }
 
+/// What a file calls an entity.
+std::string name_of(const Handle(Standard_Transient) & entity) {
+  Handle(TCollection_HAsciiString) name;
+  if (const auto item = Handle(StepRepr_RepresentationItem)::DownCast(entity); !item.IsNull()) {
+    name = item->Name();
+  } else if (const auto sheet = Handle(IGESData_IGESEntity)::DownCast(entity); !sheet.IsNull()) {
+    if (sheet->HasName()) name = sheet->NameValue();  // labels are mostly numbers that programs give
+  }
+  return name.IsNull() ? "" : name->ToCString();
+}
+
 /// Names of the faces in the order in which they are numbered; nothing when none has one.
-std::vector<std::string> names_of_faces(const STEPControl_Reader& reader, const TopoDS_Shape& shape) {
+std::vector<std::string> names_of_faces(const XSControl_Reader& reader, const TopoDS_Shape& shape) {
   TopTools_IndexedMapOfShape faces;
   TopExp::MapShapes(shape, TopAbs_FACE, faces);
   const auto transfer = reader.WS()->TransferReader();
   std::vector<std::string> names;
   bool any = false;
   for (int f = 1; f <= faces.Extent(); ++f) {
-    auto item = Handle(StepRepr_RepresentationItem)::DownCast(transfer->EntityFromShapeResult(faces(f), 1));
-    if (item.IsNull()) {  // of a part in an assembly
-      item =
-          Handle(StepRepr_RepresentationItem)::DownCast(transfer->EntityFromShapeResult(faces(f).Located(TopLoc_Location()), 1));
+    Handle(Standard_Transient) entity = transfer->EntityFromShapeResult(faces(f), 1);
+    if (entity.IsNull()) {  // of a part in an assembly
+      entity = transfer->EntityFromShapeResult(faces(f).Located(TopLoc_Location()), 1);
     }
-    names.emplace_back(item.IsNull() || item->Name().IsNull() ? "" : item->Name()->ToCString());
+    names.push_back(name_of(entity));
     any = any || !names.back().empty();
   }
   if (!any) names.clear();
@@ -134,16 +157,78 @@ std::vector<std::string> names_of_faces(const STEPControl_Reader& reader, const 
 }
 
 TopoDS_Shape read_step(const std::filesystem::path& path, Model& model) {
-  STEPControl_Reader reader;
-  if (reader.ReadFile(path.c_str()) != IFSelect_RetDone) cannot_read(model.name, "STEP");
+  STEPCAFControl_Reader all;  // with colours
+  all.SetColorMode(true);
+  all.SetNameMode(false);
+  all.SetLayerMode(false);
+  all.SetPropsMode(false);
+  all.SetGDTMode(false);
+  all.SetMatMode(false);
+  all.SetViewMode(false);
+  if (all.ReadFile(path.c_str()) != IFSelect_RetDone) cannot_read(model.name, "STEP");
+  STEPControl_Reader& reader = all.ChangeReader();
   TColStd_SequenceOfAsciiString lengths, angles, solid_angles;
   reader.FileUnits(lengths, angles, solid_angles);
   keep_unit(lengths.IsEmpty() ? "" : lengths.First().ToCString(), model);
-  reader.TransferRoots();
+  const OpenDocument open;
+  Handle(TDocStd_Document) filled = open.get();
+  all.Transfer(filled);
   const TopoDS_Shape shape = reader.OneShape();
-  if (!shape.IsNull()) model.face_names = names_of_faces(reader, shape);
+  if (!shape.IsNull()) {
+    model.face_names = names_of_faces(reader, shape);
+    model.face_colours = colours_of_faces(open, shape);
+  }
   model.derivation = description_of(reader);
   return shape;
+}
+
+/// What was sewn, with its closed shells as solids, whose outside is outside, but for those that lie in the box of another shell
+/// and may be its cavity.
+TopoDS_Shape with_solids(const TopoDS_Shape& sewn, int& solids) {
+  std::vector<TopoDS_Shape> pieces;
+  if (sewn.ShapeType() == TopAbs_COMPOUND) {
+    for (TopoDS_Iterator piece(sewn); piece.More(); piece.Next()) pieces.push_back(piece.Value());
+  } else {
+    pieces.push_back(sewn);
+  }
+  std::vector<Bnd_Box> boxes;
+  for (const TopoDS_Shape& piece : pieces) BRepBndLib::Add(piece, boxes.emplace_back());
+  const auto inside = [](const Bnd_Box& box, const Bnd_Box& other) {
+    return !other.IsOut(box.CornerMin()) && !other.IsOut(box.CornerMax());
+  };
+  for (std::size_t i = 0; i < pieces.size(); ++i) {
+    if (pieces[i].ShapeType() != TopAbs_SHELL || !BRep_Tool::IsClosed(pieces[i])) continue;
+    const auto nested = [&](const Bnd_Box& other) {
+      return &other != &boxes[i] && (inside(boxes[i], other) || inside(other, boxes[i]));
+    };
+    if (std::any_of(boxes.begin(), boxes.end(), nested)) continue;
+    TopoDS_Solid solid = BRepBuilderAPI_MakeSolid(TopoDS::Shell(pieces[i])).Solid();
+    if (!BRepLib::OrientClosedSolid(solid)) continue;
+    pieces[i] = solid;
+    ++solids;
+  }
+  if (pieces.size() == 1) return pieces.front();
+  TopoDS_Compound all;
+  const BRep_Builder builder;
+  builder.MakeCompound(all);
+  for (const TopoDS_Shape& piece : pieces) builder.Add(all, piece);
+  return all;
+}
+
+/// Names or colours of faces, after they were sewn together.
+template <typename Mark>
+void keep_marks(const std::vector<Mark>& marks, const TopoDS_Shape& read, const BRepBuilderAPI_Sewing& sewing,
+                const TopoDS_Shape& sewn, std::vector<Mark>& kept) {
+  if (marks.empty()) return;
+  TopTools_IndexedMapOfShape faces, images;
+  TopExp::MapShapes(read, TopAbs_FACE, faces);
+  TopExp::MapShapes(sewn, TopAbs_FACE, images);
+  kept.resize(images.Extent());
+  for (int f = 0; f < faces.Extent(); ++f) {
+    const TopoDS_Shape& face = faces(f + 1);
+    const int i = images.FindIndex(sewing.IsModifiedSubShape(face) ? sewing.ModifiedSubShape(face) : face) - 1;
+    if (i >= 0) kept[i] = marks[f];
+  }
 }
 
 TopoDS_Shape read_iges(const std::filesystem::path& path, Model& model) {
@@ -154,9 +239,14 @@ TopoDS_Shape read_iges(const std::filesystem::path& path, Model& model) {
     unit = header.IGESModel()->GlobalSection().UnitName();
   }
   keep_unit(unit.IsNull() ? "" : unit->ToCString(), model);
-  IGESControl_Reader reader;  // when a file is loaded, it takes the unit of that moment
+  IGESCAFControl_Reader reader;  // when a file is loaded, it takes the unit of that moment
+  reader.SetColorMode(true);
+  reader.SetNameMode(false);
+  reader.SetLayerMode(false);
   reader.ReadFile(path.c_str());
-  reader.TransferRoots();
+  const OpenDocument open;
+  Handle(TDocStd_Document) filled = open.get();
+  reader.Transfer(filled);
   Bnd_Box box;
   const TopoDS_Shape read = reader.OneShape();
   if (read.IsNull()) cannot_read(model.name, "IGES");
@@ -164,8 +254,15 @@ TopoDS_Shape read_iges(const std::filesystem::path& path, Model& model) {
   BRepBuilderAPI_Sewing sewing(box.IsVoid() ? 1e-6 : 1e-5 * std::sqrt(box.SquareExtent()));
   sewing.Add(read);
   sewing.Perform();
-  model.notes.push_back(model.name + ": faces were sewn together, " + std::to_string(sewing.NbFreeEdges()) + " edges stay free.");
-  return sewing.SewedShape();
+  int solids = 0;
+  const TopoDS_Shape sewn = with_solids(sewing.SewedShape(), solids);
+  keep_marks(names_of_faces(reader, read), read, sewing, sewn, model.face_names);
+  keep_marks(colours_of_faces(open, read), read, sewing, sewn, model.face_colours);
+  model.notes.push_back(model.name + ": faces were sewn together, " + std::to_string(sewing.NbFreeEdges()) + " edges stay free" +
+                        (solids == 0   ? "."
+                         : solids == 1 ? "; they bound a solid."
+                                       : "; they bound " + std::to_string(solids) + " solids."));
+  return sewn;
 }
 
 TopoDS_Shape read_brep(const std::filesystem::path& path, Model& model) {
@@ -181,6 +278,28 @@ TopoDS_Shape read_brep(const std::filesystem::path& path, Model& model) {
   if (shape.IsNull()) cannot_read(model.name, "BREP");
   model.notes.push_back(model.name + " names no unit of length.");
   return shape;
+}
+
+/// What all faces have in common of which a face of the merged model was made, such as their name.
+template <typename Mark>
+void keep_common(const Model& model, const std::vector<Mark>& marks, const Model& merged,
+                 const Handle(BRepTools_History) & history, std::vector<Mark>& kept) {
+  if (marks.empty()) return;
+  std::vector<std::optional<Mark>> common(merged.face_count());
+  for (int f = 0; f < model.face_count(); ++f) {
+    TopTools_ListOfShape images = history->Modified(model.faces(f + 1));
+    if (images.IsEmpty()) images.Append(model.faces(f + 1));
+    for (const TopoDS_Shape& image : images) {
+      const int g = merged.faces.FindIndex(image) - 1;
+      if (g < 0) continue;
+      if (!common[g]) {
+        common[g] = marks[f];
+      } else if (*common[g] != marks[f]) {
+        common[g] = Mark();
+      }
+    }
+  }
+  for (const std::optional<Mark>& mark : common) kept.push_back(mark.value_or(Mark()));
 }
 
 }  // namespace
@@ -250,6 +369,7 @@ TopoDS_Shape healed(const TopoDS_Shape& shape, Model& model) {
   ShapeFix_Shape fix(shape);
   fix.Perform();
   model.face_names.clear();  // faces may stand elsewhere
+  model.face_colours.clear();
   const bool valid = BRepCheck_Analyzer(fix.Shape(), true, true).IsValid();
   model.notes.push_back(model.name + " is not valid; " + (valid ? "it was healed." : "healing did not mend all of it."));
   return fix.Shape();
@@ -286,6 +406,7 @@ Model read_model(const std::filesystem::path& path, double scale) {
     model.scale = scale;
     model.derivation = reading.derivation;
     if (static_cast<int>(reading.face_names.size()) == model.face_count()) model.face_names = reading.face_names;
+    if (static_cast<int>(reading.face_colours.size()) == model.face_count()) model.face_colours = reading.face_colours;
     return model;
   } catch (const Standard_Failure& failure) {
     throw Error(ErrorCode::invalid_argument, reading.name + ": OpenCASCADE cannot read it: " + failure.GetMessageString());
@@ -299,6 +420,8 @@ Model unified(const Model& model) {
   merged.notes = model.notes;
   merged.unit = model.unit;
   merged.scale = model.scale;
+  keep_common(model, model.face_names, merged, unify.History(), merged.face_names);
+  keep_common(model, model.face_colours, merged, unify.History(), merged.face_colours);
   if (merged.face_count() != model.face_count() || merged.edge_count() != model.edge_count()) {
     merged.numbered = false;
     merged.notes.push_back(model.name + ": " + std::to_string(model.face_count()) + " faces and " +

@@ -6,7 +6,9 @@
 #include <TopoDS_Face.hxx>
 #include <TopoDS_Shape.hxx>
 #include <TopoDS_Vertex.hxx>
+#include <array>
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -21,6 +23,9 @@ struct Coedge {
   bool seam = false;
 };
 
+/// Red, green, blue (sRGB) and opacity, each from 0 to 1.
+using FaceColour = std::array<double, 4>;
+
 /// A CAD model with its entities numbered from 0 in the order in which they are found; messages number them from 1.
 struct Model {
   TopoDS_Shape shape;
@@ -32,8 +37,9 @@ struct Model {
   double scale = 1;        ///< what lengths in the file were multiplied by
   std::string derivation;  ///< see derivation.h; empty: not by cad-apply
   std::vector<std::string> notes;
-  bool numbered = true;                 ///< entities have the numbers of the file; false: some were merged
-  std::vector<std::string> face_names;  ///< in the file, by face; empty: it names none
+  bool numbered = true;                                 ///< entities have the numbers of the file; false: some were merged
+  std::vector<std::string> face_names;                  ///< in the file, by face; empty: it names none
+  std::vector<std::optional<FaceColour>> face_colours;  ///< in the file, by face; empty: none has one
 
   int face_count() const { return faces.Extent(); }
   int edge_count() const { return edges.Extent(); }
@@ -50,8 +56,8 @@ std::string surface_type(const TopoDS_Face& face);  ///< "plane", "cylinder", "c
 /// Numbers the entities of a shape. Throws Error(invalid_argument) when it has no faces.
 Model make_model(const TopoDS_Shape& shape, const std::string& name);
 
-/// Reads STEP, IGES (sewn) and BREP in the unit of the file, which is noted, and multiplies by `scale`. Throws Error(not_found,
-/// invalid_argument) naming the file.
+/// Reads STEP, IGES (sewn, closed sheets as solids) and BREP in the unit of the file, which is noted, and multiplies by `scale`.
+/// Throws Error(not_found, invalid_argument) naming the file.
 Model read_model(const std::filesystem::path& path, double scale);
 
 /// The shape in a STEP, IGES (sewn) or BREP file, by its extension, as it is; the unit is noted in the model, whose name messages
@@ -71,7 +77,8 @@ void keep_unit(const std::string& unit, Model& model);
 /// The shape, healed when it is not valid, which is noted in the model.
 TopoDS_Shape healed(const TopoDS_Shape& shape, Model& model);
 
-/// The model with neighbouring faces on one surface, and edges on one curve, merged.
+/// The model with neighbouring faces on one surface, and edges on one curve, merged. A merged face keeps the name and the colour
+/// that all of its parts have.
 Model unified(const Model& model);
 
 }  // namespace deform::cad

@@ -25,13 +25,13 @@ parser.add_argument("build", type=pathlib.Path)
 parser.add_argument("data", type=pathlib.Path)
 parser.add_argument("--chain-only", action="store_true")
 options = parser.parse_args()
-BUILD = options.build.resolve()
+BUILD, DATA = options.build.resolve(), options.data.resolve()
 os.environ["DEFORM_BIN"], os.environ["DEFORMD_BIN"] = str(BUILD / "client/cli/deform"), str(BUILD / "server/deformd")
 sys.path.insert(0, str(ROOT / "tests/end_to_end"))
 
 from harness import DEFORM, Server  # noqa: E402
 
-CAD, PARAM, SURFACE = options.data / "D_cad", options.data / "B_volume/param", options.data / "A_surface"
+CAD, PARAM, SURFACE = DATA / "D_cad", DATA / "B_volume/param", DATA / "A_surface"
 FOLDER = pathlib.Path(tempfile.mkdtemp(prefix="deform-cad-"))
 SERVER = Server(str(FOLDER)).start()
 missed = []

@@ -7,8 +7,10 @@
 #include <BRepAlgoAPI_Fuse.hxx>
 #include <BRepBuilderAPI_MakeFace.hxx>
 #include <BRepBuilderAPI_MakePolygon.hxx>
+#include <BRepGProp.hxx>
 #include <BRepPrimAPI_MakeBox.hxx>
 #include <BRep_Builder.hxx>
+#include <GProp_GProps.hxx>
 #include <Geom2d_Line.hxx>
 #include <Geom_Plane.hxx>
 #include <Interface_Static.hxx>
@@ -26,6 +28,7 @@
 #include <XCAFDoc_ColorTool.hxx>
 #include <XCAFDoc_DocumentTool.hxx>
 #include <XCAFDoc_ShapeTool.hxx>
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <filesystem>
@@ -75,6 +78,7 @@ TEST(CadDocument, FacesHaveTheColourOfTheirSolidOrTheirOwn) {
   const TopoDS_Shape second = solids.Current();
   const TDF_Label named = shapes->AddSubShape(part, faces_of(second)(2));
   TDataStd_Name::Set(named, "inlet");
+  TDataStd_Name::Set(shapes->AddSubShape(part, second), "lid");
   const auto paint = [&](const TopoDS_Shape& sub, double red, double green, double blue) {
     colours->SetColor(shapes->AddSubShape(part, sub), Quantity_Color(red, green, blue, Quantity_TOC_RGB), XCAFDoc_ColorSurf);
   };
@@ -95,6 +99,7 @@ TEST(CadDocument, FacesHaveTheColourOfTheirSolidOrTheirOwn) {
   const auto expect_marks = [](const std::filesystem::path& file) {
     const Document read = read_document(file);
     ASSERT_EQ(read.parts.size(), 1u);
+    EXPECT_EQ(read.parts[0].solid_names, (std::vector<std::string>{"", "lid"}));
     std::map<int, FaceMark> marks;
     for (const FaceMark& mark : read.parts[0].faces) EXPECT_TRUE(marks.emplace(mark.face, mark).second) << "one for each face";
     for (int f = 0; f < 6; ++f) EXPECT_EQ(marks.count(f), 0u) << f;
@@ -116,6 +121,69 @@ TEST(CadDocument, FacesHaveTheColourOfTheirSolidOrTheirOwn) {
   std::filesystem::remove(again);
 }
 
+/// Two places of a box, red here and blue there, but for a green face of each.
+void expect_colours(const Model& model) {
+  ASSERT_EQ(model.face_count(), 12);
+  ASSERT_EQ(model.face_colours.size(), 12u);
+  std::map<std::array<int, 2>, int> counts;  // by place and channel
+  for (int f = 0; f < 12; ++f) {
+    ASSERT_TRUE(model.face_colours[f]) << f;
+    const FaceColour& colour = *model.face_colours[f];
+    GProp_GProps properties;
+    BRepGProp::SurfaceProperties(model.face(f), properties);
+    const int channel = static_cast<int>(std::max_element(colour.begin(), colour.begin() + 3) - colour.begin());
+    ++counts[{properties.CentreOfMass().X() > 3 ? 1 : 0, channel}];
+    EXPECT_NEAR(colour[0] + colour[1] + colour[2], 1, 1e-6);
+    EXPECT_NEAR(colour[channel], 1, 1e-6);
+    EXPECT_EQ(colour[3], 1);
+  }
+  EXPECT_EQ(counts, (std::map<std::array<int, 2>, int>{{{0, 0}, 5}, {{0, 1}, 1}, {{1, 1}, 1}, {{1, 2}, 5}}));
+}
+
+TEST(CadModel, PlacesOfOnePartHaveColoursOfTheirOwn) {
+  Handle(TDocStd_Document) document;
+  XCAFApp_Application::GetApplication()->NewDocument("MDTV-XCAF", document);
+  const auto shapes = XCAFDoc_DocumentTool::ShapeTool(document->Main());
+  const auto colours = XCAFDoc_DocumentTool::ColorTool(document->Main());
+  const TDF_Label assembly = shapes->NewShape();
+  const TDF_Label part = shapes->AddShape(BRepPrimAPI_MakeBox(1, 1, 1).Shape(), false);
+  const auto paint = [&](const TDF_Label& label, double red, double green, double blue) {
+    colours->SetColor(label, Quantity_Color(red, green, blue, Quantity_TOC_sRGB), XCAFDoc_ColorSurf);
+  };
+  paint(shapes->AddSubShape(part, faces_of(XCAFDoc_ShapeTool::GetShape(part))(3)), 0, 1, 0);
+  gp_Trsf away;
+  away.SetTranslation(gp_Vec(5, 0, 0));
+  paint(part, 1, 1, 0);  // which its places override
+  TDataStd_Name::Set(part, "wheel");
+  const std::array<TDF_Label, 2> places{shapes->AddComponent(assembly, part, TopLoc_Location()),
+                                        shapes->AddComponent(assembly, part, TopLoc_Location(away))};
+  paint(places[0], 1, 0, 0);
+  paint(places[1], 0, 0, 1);
+  TDataStd_Name::Set(places[0], "front wheel");
+  TDataStd_Name::Set(places[1], "rear wheel");
+  shapes->UpdateAssemblies();
+  STEPCAFControl_Controller::Init();
+  Interface_Static::SetCVal("xstep.cascade.unit", "MM");
+  Interface_Static::SetCVal("write.step.unit", "MM");
+  STEPCAFControl_Writer writer;
+  writer.SetColorMode(true);
+  ASSERT_TRUE(writer.Transfer(document, STEPControl_AsIs));
+  const auto path = std::filesystem::temp_directory_path() / "deform_parts_places.step";
+  writer.Write(path.c_str());
+  const auto again = std::filesystem::temp_directory_path() / "deform_parts_places_again.step";
+  for (const bool rewritten : {false, true}) {
+    const Document read = read_document(rewritten ? again : path);
+    ASSERT_EQ(read.parts.size(), 2u);
+    for (int i = 0; i < 2; ++i) {
+      EXPECT_EQ(read.parts[i].name, "wheel");
+      EXPECT_EQ(read.parts[i].place, i == 0 ? "front wheel" : "rear wheel");
+    }
+    expect_colours(read_model(rewritten ? again : path, 1));
+    if (!rewritten) write_document(read, again);
+  }
+  std::filesystem::remove(path);
+  std::filesystem::remove(again);
+}
 TEST(CadModel, MergedFacesStayInTheUnitOfTheFile) {
   const TopoDS_Shape halves =
       BRepAlgoAPI_Fuse(BRepPrimAPI_MakeBox(1, 2, 3).Shape(), BRepPrimAPI_MakeBox(gp_Pnt(1, 0, 0), 1, 2, 3).Shape()).Shape();

@@ -128,6 +128,16 @@ TopoDS_Shape sheet(const TopoDS_Shape& shape, const std::vector<int>& left_out, 
   return shell;
 }
 
+TopoDS_Shape bored(const Vec3& size, const Vec3& at, double radius) {
+  return without(block({0, 0, 0}, size), rod({at[0], at[1], -1}, {0, 0, 1}, radius, size[2] + 2));
+}
+
+TopoDS_Shape row_of_bores(double first) {
+  TopoDS_Shape plate = block({0, 0, 0}, {10, 2, 0.5});
+  for (int i = 0; i < 4; ++i) plate = without(plate, rod({first + 2 * i, 1, -1}, {0, 0, 1}, 0.4, 3));
+  return plate;
+}
+
 TopoDS_Shape pipe(const PipeSizes& sizes) {
   const double angle = sizes.degrees * std::numbers::pi / 180;
   const auto solid = [&](double radius) {

@@ -30,6 +30,11 @@ TopoDS_Shape renumbered(const TopoDS_Shape& shape, int step);
 /// A shell of the faces but those given, the ones in `turned_round` the other way round.
 TopoDS_Shape sheet(const TopoDS_Shape& shape, const std::vector<int>& left_out, const std::vector<int>& turned_round);
 
+/// A block from the origin with a bore along z through `at`.
+TopoDS_Shape bored(const Vec3& size, const Vec3& at, double radius);
+/// A plate with four bores along z at x = first, first + 2, ...
+TopoDS_Shape row_of_bores(double first);
+
 /// A pipe of two straight legs along z and a bend between them in the plane y = 0.
 struct PipeSizes {
   double inner = 0.7, outer = 1, bend = 3, degrees = 90, first_leg = 2, second_leg = 2;
