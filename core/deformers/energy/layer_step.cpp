@@ -248,7 +248,8 @@ LayerStep::Step LayerStep::place(std::vector<Vec3> from, const RunContext& conte
   const std::vector<Turn> turned = turns(from, context);
   step.values = from;
   for (const Edge& edge : edges_) {
-    step.values[edge.point] = step.values[edge.below] + to_vec3(along_ * (TurnedEdge(edge, faces_, turned).value() - edge.rest) + edge.rest);
+    step.values[edge.point] =
+        step.values[edge.below] + to_vec3(along_ * (TurnedEdge(edge, faces_, turned).value() - edge.rest) + edge.rest);
   }
   step = moved(std::move(step), from);
   for (Vec3& value : step.values) value = value + origin_;
