@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Studies from end to end, through the command, with a real server."""
 
-import csv
 import hashlib
 import json
 import os
@@ -9,13 +8,12 @@ import pathlib
 import random
 import re
 import signal
-import subprocess
 import sys
 import time
 
 import numpy as np
 import pytest
-from conftest import HERE, brick
+from conftest import brick
 from scipy.stats import qmc
 
 import deformd
@@ -25,35 +23,6 @@ from deformd.quality import Quality, differences
 
 PLACE_DESIGNS = int(os.environ.get("DEFORM_PLACE_DESIGNS", "16"))
 KILLS = int(os.environ.get("DEFORM_STUDY_KILLS", "5"))
-
-
-@pytest.fixture
-def study(case, tmp_path):
-    """Runs a study: study(text) -> (exit code, what it printed); its folder is study.folder."""
-
-    class Runner:
-        folder = tmp_path / "study"
-        log = tmp_path / "log"
-
-        def start(self, text, start_new_session=False, **variables):
-            (tmp_path / "study.yaml").write_text(("" if "setup:" in text else f"setup: {case.setup}\n") + f"server: {case.server.address}\n{text}\n")
-            paths = os.pathsep.join([os.environ.get("PYTHONPATH", ""), str(HERE)])
-            return subprocess.Popen([sys.executable, "-m", "deformd.study", str(tmp_path / "study.yaml")], stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-                                    text=True, start_new_session=start_new_session, env={**os.environ, "PYTHONPATH": paths, "STUDY_LOG": str(self.log), **variables})
-
-        def __call__(self, text, **variables):
-            process = self.start(text, **variables)
-            told = process.communicate(timeout=200)[0]
-            return process.returncode, told
-
-        def history(self):
-            with open(self.folder / "history.csv", newline="") as file:
-                return list(csv.DictReader(file))
-
-        def evaluated(self):
-            return self.log.read_text().splitlines()
-
-    return Runner()
 
 
 # ---- designs of experiments ----
@@ -610,15 +579,36 @@ def test_an_interrupted_study_ends_what_its_commands_started(study, place):
     assert not list((study.folder / "results").glob("*")) and not (study.folder / "journal.jsonl").read_bytes(), "these designs have not failed"
 
 
-def test_a_killed_study_with_processes_ends_what_its_commands_started(study):
-    process = study.start(f'evaluate: {{command: "{SOLVER}"}}\ndoe: {{halton: 2}}\nplace: {{processes: 1}}')
+def _first_solver(study, process):
+    """The process that the command of design 0 started."""
     pid = study.folder / "cases" / "000000" / "solver.pid"
     while not pid.exists() or not pid.read_text().strip():
         assert process.poll() is None, process.communicate()[0]
         time.sleep(0.05)
+    return int(pid.read_text())
+
+
+@pytest.mark.parametrize("place", ["threads", "processes"])
+def test_a_killed_study_ends_what_its_commands_started(study, place):
+    process = study.start(f'evaluate: {{command: "{SOLVER}"}}\ndoe: {{halton: 2}}\nplace: {{{place}: 1}}')
+    solver = _first_solver(study, process)
     process.kill()
     process.communicate(timeout=60)
-    assert _ends(int(pid.read_text()))
+    assert _ends(solver)
+
+
+def test_a_killed_worker_ends_what_its_command_started(study):
+    process = study.start(f'evaluate: {{command: "{SOLVER}"}}\ndoe: {{halton: 1}}\nplace: {{processes: 1}}')
+    solver = _first_solver(study, process)
+    shell = int(pathlib.Path(f"/proc/{solver}/stat").read_text().rsplit(")", 1)[1].split()[1])
+    worker = int(pathlib.Path(f"/proc/{shell}/stat").read_text().rsplit(")", 1)[1].split()[1])
+    assert worker != process.pid
+    (study.folder / "cases" / "000000" / "solver.pid").unlink()
+    os.kill(worker, signal.SIGKILL)
+    assert _ends(solver)
+    assert _first_solver(study, process) != solver, "another worker has the design"
+    process.send_signal(signal.SIGINT)
+    assert process.wait(60) == 130
 
 
 def test_the_share_of_deforming_is_told(study, tmp_path):
