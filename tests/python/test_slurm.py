@@ -181,10 +181,26 @@ def test_an_interrupted_study_cancels_its_jobs(study, slurm):
     assert not (study.folder / "journal.jsonl").read_bytes()
 
 
+@pytest.mark.parametrize("ends", ["CANCELLED", pytest.param("requeued", marks=pytest.mark.skipif(not LONG, reason="SLURM waits for two minutes"))])
+def test_solvers_that_end_with_their_job_have_not_failed(study, slurm, ends):
+    """All processes of a job get SIGTERM. The first solver of a design waits for ever, the next one has a result."""
+    command = "sh -c 'test -e {case}.once && echo 7 > {result} || { touch {case}.once; sleep 300; }'"
+    watched = Watched(study, f'evaluate: {{command: "{command}"}}\ndoe: {{halton: 1}}\n' + PLACE % 30)
+    while not (study.folder / "cases" / "000000.once").exists():
+        assert watched.process.poll() is None, watched.process.communicate()[0]
+        time.sleep(0.05)
+    (job,) = slurm.jobs()
+    slurm.command(*(["scancel", job] if ends == "CANCELLED" else ["scontrol", "requeue", job]))
+    told = watched.end()
+    (row,) = study.history()
+    assert (row["verdict"], float(row["value"])) == ("good", 7), told
+    assert ("its worker ended" in told) == (ends == "CANCELLED") and len(submitted(study)) == 1 + (ends == "CANCELLED"), told
+
+
 @pytest.mark.skipif(not LONG, reason="SLURM looks for limits of time every half minute")
 def test_a_design_beyond_the_limit_of_its_job_has_failed(study):
-    code = Watched(study, f'evaluate: {{command: "{SOLVER}"}}\ndoe: {{halton: 1}}\n' + PLACE % 1)
-    code.end(3)
+    watched = Watched(study, f'evaluate: {{command: "{SOLVER}"}}\ndoe: {{halton: 1}}\n' + PLACE % 1)
+    watched.end(3)
     (row,) = study.history()
     assert row["verdict"] == "failed" and "its job was out of time" in row["reasons"] and len(submitted(study)) == 1
 

@@ -4,6 +4,7 @@
 import contextlib
 import os
 import pathlib
+import signal
 import subprocess
 import time
 from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple
@@ -11,7 +12,7 @@ from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, Optio
 from submitit.core.utils import DelayedSubmission, FailedJobError, FailedSubmissionError, UncompletedJobError, pickle_load
 from submitit.slurm.slurm import SlurmJob
 
-from ..errors import Error, InvalidArgument
+from ..errors import InvalidArgument
 from .places import OutOfTime, Place, WorkerLost
 
 ARRAY = 1000
@@ -20,11 +21,20 @@ ASKED_EVERY = 10.0
 """Seconds between questions about the queue. What jobs have as results is seen at once; only those without a result are found by this."""
 GRACE = 15.0
 """Seconds after the end of a job in which its result may still appear in a folder of another machine."""
+SETTLING = 1.0
+"""Seconds in which a job whose evaluation failed may learn that it is to end: its processes get SIGTERM one after the other."""
 _ENDED = ("BOOT_FAIL", "CANCELLED", "COMPLETED", "DEADLINE", "FAILED", "NODE_FAIL", "OUT_OF_MEMORY", "PREEMPTED", "TIMEOUT")
 
 
+def in_job(function: Callable[..., Any], task: Mapping[str, Any]) -> Any:
+    """function(task, before_failing=...) in a job of SLURM. Ends this process with SIGTERM, which all processes of a job get before they are killed:
+    at the end of its time, by scancel, to make room for others. A solver that ends by it has not failed: the job begins again, or another has the design."""
+    signal.signal(signal.SIGTERM, lambda *_: os._exit(128 + signal.SIGTERM))  # its commands end with it
+    return function(task, before_failing=lambda: time.sleep(SETTLING))
+
+
 class Slurm(Place):
-    """Each design is a job with one worker. submitit keeps tasks and results in files; from them a study that was killed finds its jobs again."""
+    """Each design is a job with one worker, which runs in_job(). submitit keeps tasks and results in files; from them a study that was killed finds its jobs again."""
 
     def __init__(self, executor: Any) -> None:
         super().__init__(executor.submit, (UncompletedJobError,), (FailedJobError,))
@@ -45,7 +55,7 @@ class Slurm(Place):
         for first in range(0, len(anew), ARRAY):
             part = anew[first:first + ARRAY]
             try:
-                jobs = self._executor.map_array(function, part)
+                jobs = self._executor.map_array(in_job, [function] * len(part), part)
             except (FailedJobError, FailedSubmissionError) as error:  # sbatch refuses it
                 lines = [line for line in str(error).splitlines() if "error:" in line] or str(error).splitlines()
                 raise InvalidArgument(f"place.submitit: {lines[-1].strip()}") from error
@@ -65,7 +75,7 @@ class Slurm(Place):
             try:
                 if kept.exists() and pickle_load(kept)[0] != "success" or not kept.exists() and self._queue.state(job) is not None:
                     continue
-                task = DelayedSubmission.load(path).args[0]
+                task = DelayedSubmission.load(path).args[1]
                 found.setdefault(task["number"], []).append((task, job))
             except Exception:  # files of another version of the package or of submitit: these designs are evaluated anew
                 continue
@@ -141,4 +151,4 @@ def open_slurm(executor: Any, parameters: Mapping[str, Any]) -> Slurm:
     return Slurm(executor)
 
 
-__all__ = ["Error", "Slurm", "open_slurm"]
+__all__ = ["Slurm", "open_slurm"]
