@@ -105,7 +105,7 @@ class Cells(EndToEnd):
         self.assertEqual([each["field"] for each in told["problems"]], ["variables[2]", "variables[3]"])
         self.assertIn('variables[2] ("lift")', told["problems"][0]["message"])
         self.write("square.obj", "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n")
-        self.write("plate.yaml", "geometry: square.obj\nhandles: [{name: block, region: {ids: {ids: [0, 1]}}}]\nfixed: [{ids: {ids: [2, 3]}}]\n"
+        self.write("plate.yaml", "geometry: square.obj\nhandles: [{name: block, region: {ids: [0, 1]}}]\nfixed: [{ids: [2, 3]}]\n"
                    "variables: [{name: lift, handle: block, translate: [0, 0, 1]}]\n")
         self.deform("prepare", "plate.yaml", "--check")
 

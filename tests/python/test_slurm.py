@@ -129,6 +129,22 @@ def test_measures_of_jobs_that_ended_meanwhile_are_taken(study, slurm):
     assert len(submitted(study)) == 6 and [row["verdict"] for row in study.history()] == ["good"] * 6, told
 
 
+def test_jobs_that_were_lost_before_are_not_waited_for(study, slurm):
+    """Whatever became of them while the study was not there: cancelled, or ended with an error that has been mended."""
+    text = "evaluate: {function: mended_later:height}\ndoe: {halton: 2}\n" + PLACE % 30
+    assert "mended_later" in Watched(study, text).end(1)
+    (study.folder.parent / "mended_later.py").write_text("from study_functions import by_process\n\n\ndef height(points, variables, report):\n"
+                                                         "    return {'z': by_process(points, variables, report)}\n")
+    watched = Watched(study, text, STUDY_SECONDS="30")
+    watched.wait_for(2)
+    watched.kill()
+    slurm.command("scancel", *slurm.jobs())
+    watched = Watched(study, text)
+    told = watched.end()
+    assert [row["verdict"] for row in study.history()] == ["good"] * 2 and len(study.evaluated()) == 4 and len(submitted(study)) == 6, told
+    assert "its worker ended" not in told
+
+
 def test_jobs_of_another_server_are_cancelled(study, case, slurm, tmp_path):
     """They would wait for one that is no more."""
     watched = Watched(study, STUDY_SECONDS="3")

@@ -9,6 +9,7 @@ import random
 import re
 import signal
 import sys
+import threading
 import time
 
 import numpy as np
@@ -711,7 +712,73 @@ def test_a_design_that_ends_its_workers_has_failed(study):
     assert [row["verdict"] for row in study.history()] == ["good", "good", "failed"] and "its worker ended 3 times" in study.history()[2]["reasons"]
 
 
+@pytest.mark.parametrize("last, kind", [("submitit.core.utils.UncompletedJobError: Job not requeued because: timed-out and not checkpointable.", "out_of_time"),
+                                        ("deformd.errors.InvalidArgument: evaluate.command: there is no program solve", "error")])
+def test_what_jobs_of_submitit_say(last, kind):
+    """Its exception has the trace as text, within lines of its own; the study says what was raised."""
+    pytest.importorskip("submitit")
+    from deformd.study.places import OutOfTime, Place, WorkerLost
+    from submitit.core.utils import FailedJobError, UncompletedJobError
+
+    class Future:
+        def result(self):
+            raise self.error
+
+    future = Future()
+    trace = f'Traceback (most recent call last):\n  File "a.py", line 3, in f\n    g()\n{last}\nand what follows\n'
+    future.error = FailedJobError(f"Job (task=0) failed during processing with trace:\n----------------------\n{trace}\n----------------------\n"
+                                  "You can check full logs with 'job.stderr(0)' and 'job.stdout(0)'or at paths:\n  - a.err\n  - a.out")
+    place = Place(lambda: None, (UncompletedJobError,), (FailedJobError,))
+    with pytest.raises(deformd.Error) as raised:
+        place.result(future)
+    assert str(raised.value) == last and type(raised.value) is (OutOfTime if kind == "out_of_time" else deformd.Error)
+    future.error = UncompletedJobError("Job 7 (task: 0) has not produced any output\nand more")
+    with pytest.raises(WorkerLost, match="^Job 7 .task: 0. has not produced any output$"):
+        place.result(future)
+
+
+@pytest.mark.skipif(PLACE_DESIGNS < 200, reason="submitit tells jobs of a minute after half of it")
+def test_a_job_of_this_machine_that_is_out_of_time_has_failed(study):
+    pytest.importorskip("submitit")
+    code, told = study(f'evaluate: {{command: "{SOLVER}"}}\ndoe: {{halton: 1}}\nplace: {{submitit: {{cluster: local, timeout_min: 1}}}}')
+    assert code == 3 and "its job was out of time" in study.history()[0]["reasons"] and "worker ended" not in told, told
+    assert _ends(int((study.folder / "cases" / "000000" / "solver.pid").read_text()))
+
+
 # ---- parts ----
+
+
+def test_jobs_of_this_machine_are_as_many_at_a_time_as_it_has_cores(monkeypatch):
+    """Each is a process at once; the next waits until one is done, whichever."""
+    from deformd.study.places import _few_at_a_time
+
+    class Job:
+        def __init__(self, number):
+            self.number, self.over = number, threading.Event()
+
+        def done(self):
+            return self.over.is_set()
+
+    jobs = []
+
+    def submit(number):
+        jobs.append(Job(number))
+        return jobs[-1]
+
+    monkeypatch.setattr(os, "cpu_count", lambda: 3)
+    few, given = _few_at_a_time(submit), []
+    thread = threading.Thread(target=lambda: given.extend(few(number) for number in range(6)), daemon=True)
+    thread.start()
+    for ends, there in ((None, 3), (1, 4), (3, 5), (0, 6)):
+        if ends is not None:
+            jobs[ends].over.set()
+        deadline = time.time() + 5
+        while len(jobs) < there and time.time() < deadline:
+            time.sleep(0.01)
+        time.sleep(0.15)
+        assert len(jobs) == there
+    thread.join(5)
+    assert [job.number for job in given] == list(range(6)) and not thread.is_alive()
 
 
 def test_numbers_with_exponents_need_no_point(case, tmp_path):

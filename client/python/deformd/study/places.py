@@ -54,11 +54,17 @@ class Place:
         try:
             return future.result()
         except self._wrapped as error:
-            lines = [line for line in str(error).splitlines() if line.strip(" -") and not line.startswith(" ")]
-            told = lines[-3] if len(lines) > 2 else str(error)
+            told = _raised(str(error))
             raise (OutOfTime if told.startswith(_OUT_OF_TIME) else Error)(told) from error
         except self._lost as error:
             raise WorkerLost(str(error).split("\n", 1)[0][:200]) from error
+
+
+def _raised(text: str) -> str:
+    """The exception of a trace, which stands in a text of more lines: what follows its last call."""
+    lines = text.splitlines()
+    calls = [number for number, line in enumerate(lines) if line.startswith('  File "')]
+    return next((line for line in lines[calls[-1]:] if line and not line.startswith(" ")), text) if calls else text
 
 
 class _Processes:

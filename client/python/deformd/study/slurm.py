@@ -59,7 +59,8 @@ class Slurm(Place):
             except (FailedJobError, FailedSubmissionError) as error:  # sbatch refuses it
                 lines = [line for line in str(error).splitlines() if "error:" in line] or str(error).splitlines()
                 raise InvalidArgument(f"place.submitit: {lines[-1].strip()}") from error
-            yield from zip(part, [_Job(job, self._queue) for job in jobs])
+            now = time.monotonic()
+            yield from zip(part, [_Job(job, self._queue, now) for job in jobs])
 
     def cancel(self, futures: Sequence[Any]) -> None:
         numbers = [future.job.job_id for future in futures]
@@ -70,7 +71,7 @@ class Slurm(Place):
         """Jobs of earlier runs that have a result or will have one, with their tasks, by number of the design; the youngest last."""
         found: Dict[int, List[Tuple[Any, _Job]]] = {}
         for path in sorted(self._folder.glob("*_submitted.pkl"), key=lambda path: path.stat().st_mtime):
-            job = _Job(SlurmJob(self._folder, path.name[:-len("_submitted.pkl")]), self._queue)
+            job = _Job(SlurmJob(self._folder, path.name[:-len("_submitted.pkl")]), self._queue, submitted=0.0)  # any answer is younger
             kept = job.job.paths.result_pickle
             try:
                 if kept.exists() and pickle_load(kept)[0] != "success" or not kept.exists() and self._queue.state(job) is not None:
@@ -85,8 +86,9 @@ class Slurm(Place):
 class _Job:
     """A job as a future."""
 
-    def __init__(self, job: Any, queue: "_Queue") -> None:
-        self.job, self.submitted = job, time.monotonic()
+    def __init__(self, job: Any, queue: "_Queue", submitted: float) -> None:
+        """submitted: when, by time.monotonic(); answers of the queue from before say nothing of it."""
+        self.job, self.submitted = job, submitted
         self._queue = queue
 
     def done(self) -> bool:
