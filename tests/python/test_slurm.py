@@ -229,6 +229,22 @@ def test_solvers_have_the_cores_of_the_job_and_start_steps(study):
     assert [float(row["value"]) for row in study.history()] == [3, 3], told
 
 
+def test_the_study_may_be_a_job_itself(study, case, slurm, monkeypatch, tmp_path):
+    """Of an array, whose variables its jobs inherit; the first job of design 0 is killed, so that the next one is alone and not in an array."""
+    (tmp_path / "kills.py").write_text("import os, signal\nfrom study_functions import by_process\n\n\ndef first(points, variables, report):\n"
+                                       "    if not os.path.exists('killed'):\n        open('killed', 'w').close()\n        os.kill(os.getpid(), signal.SIGKILL)\n"
+                                       "    return by_process(points, variables, report)\n")
+    (tmp_path / "study.yaml").write_text(f"setup: {case.setup}\nserver: {case.server.address}\nevaluate: {{function: kills:first}}\n"
+                                         "doe: {halton: 3}\nplace: {submitit: {cluster: slurm, timeout_min: 5, cpus_per_task: 2}}\n")
+    monkeypatch.setenv("STUDY_LOG", str(study.log))
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([os.environ.get("PYTHONPATH", ""), str(pathlib.Path(__file__).parent)]))
+    done = subprocess.run(["sbatch", "--wait", "--array=3", "--time=10", f"--output={tmp_path}/told", "--wrap",
+                           f"{sys.executable} -m deformd.study {tmp_path}/study.yaml"], cwd=tmp_path, timeout=280)
+    told = (tmp_path / "told").read_text()
+    assert done.returncode == 0 and [row["verdict"] for row in study.history()] == ["good"] * 3, told
+    assert told.count("its worker ended") == 1 and len(study.evaluated()) == 3
+
+
 @pytest.mark.parametrize("options, says", [
     ("slurm_partition: nowhere", "error: place.submitit: sbatch: error: "),
     ("slurm_partitoin: short", "error: place.submitit: Unknown argument 'partitoin'"),

@@ -589,11 +589,15 @@ def _first_solver(study, process):
     return int(pid.read_text())
 
 
-@pytest.mark.parametrize("place", ["threads", "processes"])
-def test_a_killed_study_ends_what_its_commands_started(study, place):
-    process = study.start(f'evaluate: {{command: "{SOLVER}"}}\ndoe: {{halton: 2}}\nplace: {{{place}: 1}}')
+@pytest.mark.parametrize("place, whom", [("threads", "process"), ("threads", "group"), ("processes", "process")])
+def test_a_killed_study_ends_what_its_commands_started(study, place, whom):
+    """Be it alone or with all processes of its terminal."""
+    process = study.start(f'evaluate: {{command: "{SOLVER}"}}\ndoe: {{halton: 2}}\nplace: {{{place}: 1}}', start_new_session=True)
     solver = _first_solver(study, process)
-    process.kill()
+    if whom == "process":
+        process.kill()
+    else:
+        os.killpg(process.pid, signal.SIGKILL)
     process.communicate(timeout=60)
     assert _ends(solver)
 
@@ -610,6 +614,34 @@ def test_a_killed_worker_ends_what_its_command_started(study):
     assert _first_solver(study, process) != solver, "another worker has the design"
     process.send_signal(signal.SIGINT)
     assert process.wait(60) == 130
+
+
+def test_what_a_command_left_behind_when_it_ended_is_left_alone(study, tmp_path):
+    """Such as the daemon of a licence."""
+    code, told = study(f"evaluate: {{command: \"sh -c 'sleep 60 & echo $! > {tmp_path}/daemon; echo 1 > {{result}}'\"}}\ndoe: {{halton: 1}}")
+    assert code == 0, told
+    daemon = int((tmp_path / "daemon").read_text())
+    time.sleep(1)
+    os.kill(daemon, signal.SIGKILL)  # raises where there is none
+
+
+def test_the_keeper_of_commands_is_replaced_when_it_was_killed(tmp_path):
+    from deformd.study import commands
+
+    with open(tmp_path / "output", "wb") as output:
+        assert commands.run(["true"], tmp_path, output, None) == 0
+        first = commands._keeper[1]
+        assert commands.run(["true"], tmp_path, output, None) == 0 and commands._keeper[1] is first
+        first.kill()
+        first.wait()
+        assert commands.run(["false"], tmp_path, output, None) == 1
+    assert commands._keeper[1].pid != first.pid and commands._keeper[1].poll() is None
+
+
+def test_commands_of_processes_can_be_ended_as_usual(study):
+    """Their workers block SIGTERM, for which a thread waits; the commands do not."""
+    code, told = study("evaluate: {command: \"sh -c 'kill -TERM $$; sleep 1; echo 1 > {result}'\"}\ndoe: {halton: 1}\nplace: {processes: 1}")
+    assert code == 3 and "sh: ended with -15" in study.history()[0]["reasons"], told
 
 
 def test_the_share_of_deforming_is_told(study, tmp_path):

@@ -148,6 +148,8 @@ def open_slurm(executor: Any, parameters: Mapping[str, Any]) -> Slurm:
     if any(int(parameters.get(name, 1)) > 1 for name in ("nodes", "tasks_per_node", "slurm_nodes", "slurm_ntasks_per_node", "slurm_tasks_per_node")):
         raise InvalidArgument("place.submitit: a design has one worker: for solvers that run in parallel, cpus_per_task, or over several nodes "
                               "slurm_additional_parameters: {nodes: 2, ntasks-per-node: 16}, and srun or mpirun in the command")
+    for name in [each for each in os.environ if each.startswith("SLURM_") and each != "SLURM_CONF"]:
+        del os.environ[name]  # of the job in which the study itself runs: its jobs would take them for theirs
     # The worker is the script of the job itself: a step of srun would have one core of those of cpus_per_task, and no steps within.
     executor.update_parameters(**{"slurm_use_srun": False, **parameters})
     return Slurm(executor)
