@@ -559,6 +559,15 @@ def _ends(process):
 SOLVER = "sh -c 'sleep 300 & echo $! > solver.pid; wait'"
 
 
+def _solver(study, process, number=0):
+    """The process that the command of a design started, once it is there."""
+    pid = study.folder / "cases" / f"{number:06}" / "solver.pid"
+    while not pid.exists() or not pid.read_text().strip():
+        assert process.poll() is None, process.communicate()[0]
+        time.sleep(0.05)
+    return int(pid.read_text())
+
+
 def test_what_a_command_started_ends_with_its_design(study):
     code, told = study(f'evaluate: {{command: "{SOLVER}", timeout: 0.5}}\ndoe: {{halton: 1}}')
     assert code == 3 and "longer than 0.5 s" in study.history()[0]["reasons"], told
@@ -568,32 +577,19 @@ def test_what_a_command_started_ends_with_its_design(study):
 @pytest.mark.parametrize("place", ["threads", "processes"])
 def test_an_interrupted_study_ends_what_its_commands_started(study, place):
     process = study.start(f'evaluate: {{command: "{SOLVER}"}}\ndoe: {{halton: 4}}\nplace: {{{place}: 2}}', start_new_session=True)
-    pids = [study.folder / "cases" / f"{number:06}" / "solver.pid" for number in range(2)]
-    for _ in range(400):
-        if all(path.exists() and path.read_text().strip() for path in pids):
-            break
-        time.sleep(0.05)
+    solvers = [_solver(study, process, number) for number in range(2)]
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does
     told = process.communicate(timeout=60)[0]
     assert process.returncode == 130 and "interrupted" in told, told
-    assert all(_ends(int(path.read_text())) for path in pids)
+    assert all(_ends(solver) for solver in solvers)
     assert not list((study.folder / "results").glob("*")) and not (study.folder / "journal.jsonl").read_bytes(), "these designs have not failed"
-
-
-def _first_solver(study, process):
-    """The process that the command of design 0 started."""
-    pid = study.folder / "cases" / "000000" / "solver.pid"
-    while not pid.exists() or not pid.read_text().strip():
-        assert process.poll() is None, process.communicate()[0]
-        time.sleep(0.05)
-    return int(pid.read_text())
 
 
 @pytest.mark.parametrize("place, whom", [("threads", "process"), ("threads", "group"), ("processes", "process")])
 def test_a_killed_study_ends_what_its_commands_started(study, place, whom):
     """Be it alone or with all processes of its terminal."""
     process = study.start(f'evaluate: {{command: "{SOLVER}"}}\ndoe: {{halton: 2}}\nplace: {{{place}: 1}}', start_new_session=True)
-    solver = _first_solver(study, process)
+    solver = _solver(study, process)
     if whom == "process":
         process.kill()
     else:
@@ -604,14 +600,14 @@ def test_a_killed_study_ends_what_its_commands_started(study, place, whom):
 
 def test_a_killed_worker_ends_what_its_command_started(study):
     process = study.start(f'evaluate: {{command: "{SOLVER}"}}\ndoe: {{halton: 1}}\nplace: {{processes: 1}}')
-    solver = _first_solver(study, process)
+    solver = _solver(study, process)
     shell = int(pathlib.Path(f"/proc/{solver}/stat").read_text().rsplit(")", 1)[1].split()[1])
     worker = int(pathlib.Path(f"/proc/{shell}/stat").read_text().rsplit(")", 1)[1].split()[1])
     assert worker != process.pid
     (study.folder / "cases" / "000000" / "solver.pid").unlink()
     os.kill(worker, signal.SIGKILL)
     assert _ends(solver)
-    assert _first_solver(study, process) != solver, "another worker has the design"
+    assert _solver(study, process) != solver, "another worker has the design"
     process.send_signal(signal.SIGINT)
     assert process.wait(60) == 130
 
@@ -621,8 +617,8 @@ def test_what_a_command_left_behind_when_it_ended_is_left_alone(study, tmp_path)
     code, told = study(f"evaluate: {{command: \"sh -c 'sleep 60 & echo $! > {tmp_path}/daemon; echo 1 > {{result}}'\"}}\ndoe: {{halton: 1}}")
     assert code == 0, told
     daemon = int((tmp_path / "daemon").read_text())
-    time.sleep(1)
-    os.kill(daemon, signal.SIGKILL)  # raises where there is none
+    assert not _ends(daemon)
+    os.kill(daemon, signal.SIGKILL)
 
 
 def test_the_keeper_of_commands_is_replaced_when_it_was_killed(tmp_path):
