@@ -4,6 +4,7 @@
 import csv
 import os
 import pathlib
+import signal
 import subprocess
 import sys
 
@@ -16,6 +17,10 @@ sys.path[:0] = [str(ROOT / "tests" / "end_to_end"), str(ROOT / "tests" / "wire")
 
 import deformd  # noqa: E402
 from harness import AHMED_SETUP, DEFORM, Server  # noqa: E402  (of the folder named above)
+
+
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # what a shell runs in the background ignores it, and so would programs that tests interrupt
 
 
 class Case:

@@ -84,8 +84,7 @@ def become_worker(parent: int) -> None:
 
     def end() -> NoReturn:
         signal.sigwait({signal.SIGTERM})
-        end_commands()
-        os._exit(1)
+        os._exit(1)  # and the keeper ends the commands
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM})
