@@ -11,6 +11,7 @@ import signal
 import sys
 import threading
 import time
+import types
 
 import numpy as np
 import pytest
@@ -372,6 +373,44 @@ def test_the_pareto_front(study):
     assert [each["on_front"] for each in json.loads((study.folder / "history.json").read_text())] == front
 
 
+def test_the_pareto_front_of_all_small_cases():
+    """Against its definition, with values that are equal."""
+    from deformd.study.results import front_of
+
+    spec = types.SimpleNamespace(objectives=(("low", 1.0), ("high", -1.0)), constraints=(("low", "max", 2.0),))
+    random_values = random.Random(3)
+    for _ in range(300):
+        records = [{"number": number, "verdict": random_values.choice(["good", "good", "good", "bad"]),
+                    "values": {"low": float(random_values.randint(0, 3)), "high": float(random_values.randint(0, 3))}} for number in range(7)]
+        usable = [each for each in records if each["verdict"] != "bad" and each["values"]["low"] <= 2]
+
+        def beats(a, b):
+            a, b = a["values"], b["values"]
+            return a["low"] <= b["low"] and a["high"] >= b["high"] and a != b
+
+        expected = {each["number"] for each in usable if not any(beats(other, each) for other in usable)}
+        assert {each["number"] for each in front_of(spec, records)} == expected
+
+
+def test_nsga2_sees_what_failed_as_worse_than_what_is_outside(monkeypatch):
+    """pymoo ranks what violates more behind what violates less, and only then by objectives."""
+    pytest.importorskip("pymoo")
+    from deformd.study import optimizers
+    from deformd.study.driver import FAILED
+
+    records = [{"verdict": "good", "values": (1.0, 2.0), "violations": [-0.5]}, {"verdict": "bad", "values": (0.0, 0.0), "violations": [-9.0]},
+               {"verdict": "good", "values": (3.0, 4.0), "violations": [7.0]}, {"verdict": "failed", "values": (0.0, 0.0), "violations": [-9.0]}]
+    stub = types.SimpleNamespace(bounds=np.array([[-1.0, 1.0]]), designs=lambda x: records, objective=lambda record, number: record["values"][number],
+                                 violations=lambda record: record["violations"],
+                                 spec=types.SimpleNamespace(objectives=(("a", 1.0), ("b", 1.0)), constraints=(("c", "max", 0.0),), seed=1))
+    seen = {}
+    monkeypatch.setattr("pymoo.optimize.minimize", lambda problem, *_, **__: seen.update(problem.evaluate(np.zeros((4, 1)), return_as_dictionary=True)))
+    optimizers._nsga2(stub, {"pop_size": 4})
+    np.testing.assert_array_equal(seen["F"], [[1, 2], [FAILED, FAILED], [3, 4], [FAILED, FAILED]])
+    violated = np.maximum(seen["G"], 0).sum(axis=1)
+    assert violated[0] == 0 and violated[2] == 7 and violated[1] == violated[3] > 1e6
+
+
 # ---- quality ----
 
 QUALITY = ["least_angle", "flipped_faces", "displacement", "max_displacement", "displacement_ratio"]
@@ -513,6 +552,15 @@ def test_more_than_half_failing_stops(study):
     study.folder.rename(study.folder.with_name("second"))
     code, told = study("evaluate: {function: study_functions:half_broken}\ndoe: {halton: 40}\nfailing: 1")
     assert code == 0 and len(study.history()) == 40
+
+
+@pytest.mark.parametrize("first, other, code, count", [("bad", "good", 3, 21), ("good", "bad", 0, 24)])
+def test_exactly_half_of_the_designs_may_be_bad(study, tmp_path, first, other, code, count):
+    """Which is looked at from 20 designs on. Of those in turns, beginning with a bad one, 10 of 19, 10 of 20 and 11 of 21 are bad."""
+    whole = {"good": 0, "bad": 9}  # outside of the bounds
+    (tmp_path / "designs.csv").write_text("roof_up\n" + "".join(f"{whole[first]}.0{i:02}\n{whole[other]}.0{i + 1:02}\n" for i in range(0, 24, 2)))
+    done, told = study("evaluate: {measures: {v: volume}}\ndoe: {table: designs.csv}")
+    assert done == code and [row["verdict"] for row in study.history()] == ([first, other] * 12)[:count], told
 
 
 def test_a_format_that_the_mesh_cannot_be_written_in_is_refused_at_once(study):
