@@ -221,10 +221,12 @@ def test_a_design_beyond_the_limit_of_its_job_has_failed(study):
     assert row["verdict"] == "failed" and "its job was out of time" in row["reasons"] and len(submitted(study)) == 1
 
 
-def test_solvers_have_the_cores_of_the_job_and_start_steps(study):
-    """With cpus_per_task; a step of srun within srun would wait for the cores of the worker for ever."""
-    command = "sh -c 'srun --ntasks=1 --cpus-per-task=3 printenv SLURM_CPUS_PER_TASK > {result}'"
-    text = f'evaluate: {{command: "{command}", timeout: 60}}\ndoe: {{halton: 2}}\nplace: {{submitit: {{cluster: slurm, timeout_min: 5, cpus_per_task: 3}}}}'
+@pytest.mark.parametrize("options, step, variable", [("cpus_per_task: 3", "--ntasks=1 --cpus-per-task=3", "SLURM_CPUS_PER_TASK"),
+                                                     ("slurm_additional_parameters: {nodes: 1, ntasks-per-node: 3}", "--ntasks=3", "SLURM_NTASKS")])
+def test_solvers_have_the_cores_of_the_job_and_start_steps(study, options, step, variable):
+    """In a step of srun of its own the worker would have one core, and a step of the solver would wait for it for ever."""
+    command = f"sh -c 'srun {step} printenv {variable} > all; sort -u all > {{result}}'"
+    text = f'evaluate: {{command: "{command}", timeout: 60}}\ndoe: {{halton: 2}}\nplace: {{submitit: {{cluster: slurm, timeout_min: 5, {options}}}}}'
     told = Watched(study, text).end()
     assert [float(row["value"]) for row in study.history()] == [3, 3], told
 
