@@ -61,6 +61,9 @@ class MeshFile {
   /// The first file and all files that it includes, with new coordinates.
   virtual std::vector<FilePart> parts_with_points(std::span<const Vec3> points) const { return {{{}, {}, with_points(points)}}; }
 
+  /// Whether the file has no z to store, so that points must stay in their plane.
+  virtual bool two_dimensional() const { return false; }
+
   /// The number of parts of a decomposed OpenFOAM case, of which each has a file of points; 0 for all other files.
   virtual std::size_t case_parts() const { return 0; }
 

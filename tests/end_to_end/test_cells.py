@@ -94,6 +94,21 @@ class Cells(EndToEnd):
     def apply(self, *arguments, expect=0):
         return self.deform("apply", *arguments, "-o", "out.su2", "--json", expect=expect).json["report"]
 
+    def test_variables_that_leave_the_plane_of_a_file(self):
+        """No design of such a variable can be written, so that --check refuses it with its name. In a file that stores z it may leave."""
+        self.square()
+        self.deform("prepare", "square.yaml", "--check")
+        self.write("leaving.yaml", SQUARE_SETUP + "  - {name: lift, handle: block, translate: [0, 0, 1]}\n"
+                   "  - {name: roll, handle: block, rotate: {axis: [1, 0, 0]}}\n")
+        self.fails(1, "apply", "leaving.yaml", "--set", "lift=0.1", "-o", "out.su2", says=["two-dimensional"])
+        told = self.fails(1, "prepare", "leaving.yaml", "--check", "--json", says=["2 problems"], prints=True).json
+        self.assertEqual([each["field"] for each in told["problems"]], ["variables[2]", "variables[3]"])
+        self.assertIn('variables[2] ("lift")', told["problems"][0]["message"])
+        self.write("square.obj", "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n")
+        self.write("plate.yaml", "geometry: square.obj\nhandles: [{name: block, region: {ids: [0, 1]}}]\nfixed: [{ids: [2, 3]}]\n"
+                   "variables: [{name: lift, handle: block, translate: [0, 0, 1]}]\n")
+        self.deform("prepare", "plate.yaml", "--check")
+
     def test_faces_of_a_plane_mesh(self):
         self.square()
         report = self.apply("square.yaml", "--set", "turn=0.3")

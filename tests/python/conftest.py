@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A real server with the Ahmed body, and the command line beside it."""
 
+import csv
 import os
 import pathlib
+import signal
 import subprocess
 import sys
 
@@ -15,6 +17,10 @@ sys.path[:0] = [str(ROOT / "tests" / "end_to_end"), str(ROOT / "tests" / "wire")
 
 import deformd  # noqa: E402
 from harness import AHMED_SETUP, DEFORM, Server  # noqa: E402  (of the folder named above)
+
+
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # what a shell runs in the background ignores it, and so would programs that tests interrupt
 
 
 class Case:
@@ -60,6 +66,35 @@ def system(case, client):
 def population(system):
     low, high = system.bounds.T
     return np.random.default_rng(7).uniform(low, high, (9, 2))
+
+
+@pytest.fixture
+def study(case, tmp_path):
+    """Runs a study: study(text) -> (exit code, what it printed); its folder is study.folder."""
+
+    class Runner:
+        folder = tmp_path / "study"
+        log = tmp_path / "log"
+
+        def start(self, text, start_new_session=False, **variables):
+            (tmp_path / "study.yaml").write_text(("" if "setup:" in text else f"setup: {case.setup}\n") + f"server: {case.server.address}\n{text}\n")
+            paths = os.pathsep.join([os.environ.get("PYTHONPATH", ""), str(HERE)])
+            return subprocess.Popen([sys.executable, "-m", "deformd.study", str(tmp_path / "study.yaml")], stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+                                    text=True, start_new_session=start_new_session, env={**os.environ, "PYTHONPATH": paths, "STUDY_LOG": str(self.log), **variables})
+
+        def __call__(self, text, **variables):
+            process = self.start(text, **variables)
+            told = process.communicate(timeout=200)[0]
+            return process.returncode, told
+
+        def history(self):
+            with open(self.folder / "history.csv", newline="") as file:
+                return list(csv.DictReader(file))
+
+        def evaluated(self):
+            return self.log.read_text().splitlines()
+
+    return Runner()
 
 
 def brick(counts=(4, 3, 3)):

@@ -27,6 +27,7 @@ def by_process(points, variables, report):
 
 def deadly(points, variables, report):
     if variables["roof_up"] > 0.001:
+        _note("the end")
         os.kill(os.getpid(), signal.SIGKILL)
     return float(points[:, 2].mean())
 

@@ -1,21 +1,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Studies from end to end, through the command, with a real server."""
 
-import csv
 import hashlib
 import json
 import os
-import pathlib
 import random
 import re
 import signal
-import subprocess
-import sys
+import threading
 import time
+import types
 
 import numpy as np
 import pytest
-from conftest import HERE, brick
+from conftest import brick
 from scipy.stats import qmc
 
 import deformd
@@ -25,35 +23,6 @@ from deformd.quality import Quality, differences
 
 PLACE_DESIGNS = int(os.environ.get("DEFORM_PLACE_DESIGNS", "16"))
 KILLS = int(os.environ.get("DEFORM_STUDY_KILLS", "5"))
-
-
-@pytest.fixture
-def study(case, tmp_path):
-    """Runs a study: study(text) -> (exit code, what it printed); its folder is study.folder."""
-
-    class Runner:
-        folder = tmp_path / "study"
-        log = tmp_path / "log"
-
-        def start(self, text, start_new_session=False, **variables):
-            (tmp_path / "study.yaml").write_text(("" if "setup:" in text else f"setup: {case.setup}\n") + f"server: {case.server.address}\n{text}\n")
-            paths = os.pathsep.join([os.environ.get("PYTHONPATH", ""), str(HERE)])
-            return subprocess.Popen([sys.executable, "-m", "deformd.study", str(tmp_path / "study.yaml")], stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-                                    text=True, start_new_session=start_new_session, env={**os.environ, "PYTHONPATH": paths, "STUDY_LOG": str(self.log), **variables})
-
-        def __call__(self, text, **variables):
-            process = self.start(text, **variables)
-            told = process.communicate(timeout=200)[0]
-            return process.returncode, told
-
-        def history(self):
-            with open(self.folder / "history.csv", newline="") as file:
-                return list(csv.DictReader(file))
-
-        def evaluated(self):
-            return self.log.read_text().splitlines()
-
-    return Runner()
 
 
 # ---- designs of experiments ----
@@ -402,6 +371,44 @@ def test_the_pareto_front(study):
     assert [each["on_front"] for each in json.loads((study.folder / "history.json").read_text())] == front
 
 
+def test_the_pareto_front_of_all_small_cases():
+    """Against its definition, with values that are equal."""
+    from deformd.study.results import front_of
+
+    spec = types.SimpleNamespace(objectives=(("low", 1.0), ("high", -1.0)), constraints=(("low", "max", 2.0),))
+    random_values = random.Random(3)
+    for _ in range(300):
+        records = [{"number": number, "verdict": random_values.choice(["good", "good", "good", "bad"]),
+                    "values": {"low": float(random_values.randint(0, 3)), "high": float(random_values.randint(0, 3))}} for number in range(7)]
+        usable = [each for each in records if each["verdict"] != "bad" and each["values"]["low"] <= 2]
+
+        def beats(a, b):
+            a, b = a["values"], b["values"]
+            return a["low"] <= b["low"] and a["high"] >= b["high"] and a != b
+
+        expected = {each["number"] for each in usable if not any(beats(other, each) for other in usable)}
+        assert {each["number"] for each in front_of(spec, records)} == expected
+
+
+def test_nsga2_sees_what_failed_as_worse_than_what_is_outside(monkeypatch):
+    """pymoo ranks what violates more behind what violates less, and only then by objectives."""
+    pytest.importorskip("pymoo")
+    from deformd.study import optimizers
+    from deformd.study.driver import FAILED
+
+    records = [{"verdict": "good", "values": (1.0, 2.0), "violations": [-0.5]}, {"verdict": "bad", "values": (0.0, 0.0), "violations": [-9.0]},
+               {"verdict": "good", "values": (3.0, 4.0), "violations": [7.0]}, {"verdict": "failed", "values": (0.0, 0.0), "violations": [-9.0]}]
+    stub = types.SimpleNamespace(bounds=np.array([[-1.0, 1.0]]), designs=lambda x: records, objective=lambda record, number: record["values"][number],
+                                 violations=lambda record: record["violations"],
+                                 spec=types.SimpleNamespace(objectives=(("a", 1.0), ("b", 1.0)), constraints=(("c", "max", 0.0),), seed=1))
+    seen = {}
+    monkeypatch.setattr("pymoo.optimize.minimize", lambda problem, *_, **__: seen.update(problem.evaluate(np.zeros((4, 1)), return_as_dictionary=True)))
+    optimizers._nsga2(stub, {"pop_size": 4})
+    np.testing.assert_array_equal(seen["F"], [[1, 2], [FAILED, FAILED], [3, 4], [FAILED, FAILED]])
+    violated = np.maximum(seen["G"], 0).sum(axis=1)
+    assert violated[0] == 0 and violated[2] == 7 and violated[1] == violated[3] > 1e6
+
+
 # ---- quality ----
 
 QUALITY = ["least_angle", "flipped_faces", "displacement", "max_displacement", "displacement_ratio"]
@@ -545,6 +552,15 @@ def test_more_than_half_failing_stops(study):
     assert code == 0 and len(study.history()) == 40
 
 
+@pytest.mark.parametrize("first, other, code, count", [("bad", "good", 3, 21), ("good", "bad", 0, 24)])
+def test_exactly_half_of_the_designs_may_be_bad(study, tmp_path, first, other, code, count):
+    """Which is looked at from 20 designs on. Of those in turns, beginning with a bad one, 10 of 19, 10 of 20 and 11 of 21 are bad."""
+    whole = {"good": 0, "bad": 9}  # outside of the bounds
+    (tmp_path / "designs.csv").write_text("roof_up\n" + "".join(f"{whole[first]}.0{i:02}\n{whole[other]}.0{i + 1:02}\n" for i in range(0, 24, 2)))
+    done, told = study("evaluate: {measures: {v: volume}}\ndoe: {table: designs.csv}")
+    assert done == code and [row["verdict"] for row in study.history()] == ([first, other] * 12)[:count], told
+
+
 def test_a_format_that_the_mesh_cannot_be_written_in_is_refused_at_once(study):
     code, told = study("evaluate: {function: study_functions:height}\ndoe: {halton: 4}\nmeshes: .su2")
     assert code == 1 and told.startswith("error: meshes: .su2:") and not study.log.exists(), told
@@ -556,83 +572,7 @@ def test_no_server_is_no_failure_of_designs(study):
     assert code == 1 and "no_such_module" in told and not (study.folder / "journal.jsonl").read_bytes()
 
 
-# ---- commands ----
-
-
-def test_a_command_per_design(study, tmp_path):
-    (tmp_path / "template").mkdir()
-    (tmp_path / "template" / "solve.py").write_text(
-        "import json, sys\nx = json.load(open('variables.json'))\nif x['roof_up'] == 0: sys.exit('diverged')\n"
-        "lines = [line.split() for line in open(sys.argv[1]) if line.startswith('v ')]\n"
-        "json.dump({'top': max(float(line[3]) for line in lines)}, open(sys.argv[2], 'w'))\n")
-    code, told = study(f"evaluate: {{command: '{sys.executable} solve.py {{points}} {{result}}', template: template, timeout: 60}}\ndoe: {{factorial: [3, 1]}}")
-    assert code == 0, told
-    rows = study.history()
-    assert [row["verdict"] for row in rows] == ["good", "failed", "good"] and "diverged" in rows[1]["reasons"]
-    assert float(rows[2]["top"]) > float(rows[0]["top"])
-    assert (study.folder / "cases" / "000002" / "output.txt").exists()
-
-
-def _ends(process):
-    """Whether the process of a number ends within some seconds."""
-    for _ in range(100):
-        try:
-            state = pathlib.Path(f"/proc/{process}/stat").read_text().rsplit(")", 1)[1].split()[0]
-        except OSError:
-            return True
-        if state == "Z":  # nobody waits for it
-            return True
-        time.sleep(0.05)
-    return False
-
-
-SOLVER = "sh -c 'sleep 300 & echo $! > solver.pid; wait'"
-
-
-def test_what_a_command_started_ends_with_its_design(study):
-    code, told = study(f'evaluate: {{command: "{SOLVER}", timeout: 0.5}}\ndoe: {{halton: 1}}')
-    assert code == 3 and "longer than 0.5 s" in study.history()[0]["reasons"], told
-    assert _ends(int((study.folder / "cases" / "000000" / "solver.pid").read_text()))
-
-
-@pytest.mark.parametrize("place", ["threads", "processes"])
-def test_an_interrupted_study_ends_what_its_commands_started(study, place):
-    process = study.start(f'evaluate: {{command: "{SOLVER}"}}\ndoe: {{halton: 4}}\nplace: {{{place}: 2}}', start_new_session=True)
-    pids = [study.folder / "cases" / f"{number:06}" / "solver.pid" for number in range(2)]
-    for _ in range(400):
-        if all(path.exists() and path.read_text().strip() for path in pids):
-            break
-        time.sleep(0.05)
-    os.killpg(process.pid, signal.SIGINT)  # as a terminal does
-    told = process.communicate(timeout=60)[0]
-    assert process.returncode == 130 and "interrupted" in told, told
-    assert all(_ends(int(path.read_text())) for path in pids)
-    assert not list((study.folder / "results").glob("*")) and not (study.folder / "journal.jsonl").read_bytes(), "these designs have not failed"
-
-
-def test_a_killed_study_with_processes_ends_what_its_commands_started(study):
-    process = study.start(f'evaluate: {{command: "{SOLVER}"}}\ndoe: {{halton: 2}}\nplace: {{processes: 1}}')
-    pid = study.folder / "cases" / "000000" / "solver.pid"
-    while not pid.exists() or not pid.read_text().strip():
-        assert process.poll() is None, process.communicate()[0]
-        time.sleep(0.05)
-    process.kill()
-    process.communicate(timeout=60)
-    assert _ends(int(pid.read_text()))
-
-
-def test_the_share_of_deforming_is_told(study, tmp_path):
-    (tmp_path / "template").mkdir()
-    (tmp_path / "template" / "sleep.py").write_text("import sys, time\ntime.sleep(0.3)\nopen(sys.argv[1], 'w').write('1')\n")
-    code, told = study(f"evaluate: {{command: '{sys.executable} -S sleep.py {{result}}', template: template}}\ndoe: {{halton: 3}}")
-    assert code == 0, told
-    records = [json.loads(line) for line in (study.folder / "journal.jsonl").read_text().splitlines()]
-    assert all(0.3 <= each["seconds_evaluating"] < 10 and 0 < each["seconds_deforming"] < 10 for each in records), records
-    deforming, evaluating = (sum(each[f"seconds_{what}"] for each in records) for what in ("deforming", "evaluating"))
-    share = re.search(r"^3 designs: (\S+) s of deforming, (\S+) s of evaluating \((\S+) % is deforming\)$", told, re.MULTILINE)
-    assert float(share[1]) == pytest.approx(deforming, rel=0.01) and float(share[2]) == pytest.approx(evaluating, rel=0.01)
-    assert float(share[3]) == pytest.approx(100 * deforming / (deforming + evaluating), rel=0.01)
-    assert "seconds" not in (study.folder / "history.csv").read_text()
+# ---- compiled deformations ----
 
 
 def test_flipped_faces_of_a_compiled_deformation_are_doubtful(study, case, tmp_path, client):
@@ -719,9 +659,68 @@ def test_a_design_that_ends_its_workers_has_failed(study):
     code, told = study("evaluate: {function: study_functions:deadly}\ndoe: {factorial: [3, 1]}\nplace: {processes: 2}")
     assert code == 0, told
     assert [row["verdict"] for row in study.history()] == ["good", "good", "failed"] and "its worker ended 3 times" in study.history()[2]["reasons"]
+    assert study.evaluated() == ["the end"] * 3 and told.count("its worker ended:") == 3
+
+
+@pytest.mark.parametrize("last, kind", [("submitit.core.utils.UncompletedJobError: Job not requeued because: timed-out and not checkpointable.", "out_of_time"),
+                                        ("deformd.errors.InvalidArgument: evaluate.command: there is no program solve", "error")])
+def test_what_jobs_of_submitit_say(last, kind):
+    """Its exception has the trace as text, within lines of its own; the study says what was raised."""
+    pytest.importorskip("submitit")
+    from deformd.study.places import OutOfTime, Place, WorkerLost
+    from submitit.core.utils import FailedJobError, UncompletedJobError
+
+    class Future:
+        def result(self):
+            raise self.error
+
+    future = Future()
+    trace = f'Traceback (most recent call last):\n  File "a.py", line 3, in f\n    g()\n{last}\nand what follows\n'
+    future.error = FailedJobError(f"Job (task=0) failed during processing with trace:\n----------------------\n{trace}\n----------------------\n"
+                                  "You can check full logs with 'job.stderr(0)' and 'job.stdout(0)'or at paths:\n  - a.err\n  - a.out")
+    place = Place(lambda: None, (UncompletedJobError,), (FailedJobError,))
+    with pytest.raises(deformd.Error) as raised:
+        place.result(future)
+    assert str(raised.value) == last and type(raised.value) is (OutOfTime if kind == "out_of_time" else deformd.Error)
+    future.error = UncompletedJobError("Job 7 (task: 0) has not produced any output\nand more")
+    with pytest.raises(WorkerLost, match="^Job 7 .task: 0. has not produced any output$"):
+        place.result(future)
 
 
 # ---- parts ----
+
+
+def test_jobs_of_this_machine_are_as_many_at_a_time_as_it_has_cores(monkeypatch):
+    """Each is a process at once; the next waits until one is done, whichever."""
+    from deformd.study.places import _few_at_a_time
+
+    class Job:
+        def __init__(self, number):
+            self.number, self.over = number, threading.Event()
+
+        def done(self):
+            return self.over.is_set()
+
+    jobs = []
+
+    def submit(number):
+        jobs.append(Job(number))
+        return jobs[-1]
+
+    monkeypatch.setattr(os, "cpu_count", lambda: 3)
+    few, given = _few_at_a_time(submit), []
+    thread = threading.Thread(target=lambda: given.extend(few(number) for number in range(6)), daemon=True)
+    thread.start()
+    for ends, there in ((None, 3), (1, 4), (3, 5), (0, 6)):
+        if ends is not None:
+            jobs[ends].over.set()
+        deadline = time.time() + 5
+        while len(jobs) < there and time.time() < deadline:
+            time.sleep(0.01)
+        time.sleep(0.15)
+        assert len(jobs) == there
+    thread.join(5)
+    assert [job.number for job in given] == list(range(6)) and not thread.is_alive()
 
 
 def test_numbers_with_exponents_need_no_point(case, tmp_path):

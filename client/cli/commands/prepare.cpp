@@ -13,6 +13,7 @@
 #include "client/cli/output/format.h"
 #include "client/cli/output/result_json.h"
 #include "client/cli/setup/control_lattice.h"
+#include "client/cli/setup/plane_variables.h"
 #include "core/base/text.h"
 
 namespace deform::cli {
@@ -134,7 +135,13 @@ ExitCode run_check(const PrepareOptions& options, const CommonOptions& common) {
   *request.mutable_setup() = loaded.setup;
   request.set_list_problems(true);
   const auto estimate = connection.client().estimate(request, connection.call());
-  if (estimate.problems_size() > 0) return tell(findings_in(estimate), options.input.setup, common.style());
+  Findings findings = findings_in(estimate);
+  if (findings.problems.empty() && loaded.source && loaded.source->two_dimensional()) {
+    Problems problems(Problems::Mode::collect);
+    check_plane_variables(loaded.setup, *loaded.source->mesh(), problems);
+    findings.problems = problems.list();
+  }
+  if (!findings.problems.empty()) return tell(findings, options.input.setup, common.style());
   const Error too_large(ErrorCode::out_of_budget, "it does not fit: preparing takes " + bytes_text(estimate.peak_bytes()) +
                                                       " beside the mesh, the budget of the server is " +
                                                       bytes_text(estimate.budget_bytes()));

@@ -47,6 +47,8 @@ class TextMeshFile : public MeshFile {
     return out;
   }
 
+  bool two_dimensional() const override { return records_.dimensions == 2; }
+
  private:
   /// Readers have seen a number there: letters, digits, signs and points.
   std::size_t token_end(std::size_t position) const {

@@ -301,6 +301,7 @@ TEST(Cgns, TwoDimensions) {
   Points moved = file->mesh()->points;
   moved[2] = {1.5, 1.25, 0};
   EXPECT_EQ(parse_mesh(file->with_points(moved), "a.cgns")->mesh()->points, moved);
+  EXPECT_TRUE(file->two_dimensional());
   moved[2][2] = 0.1;
   test::expect_error(ErrorCode::invalid_argument, {"points[2]", "two-dimensional"}, [&] { file->with_points(moved); });
 }

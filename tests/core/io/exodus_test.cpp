@@ -262,6 +262,7 @@ TEST(Exodus, TwoDimensions) {
   moved[2] = {1.5, 1.25, 1e-13};
   moved[2][2] = 0;
   EXPECT_EQ(parse_mesh(file->with_points(moved), "a.e")->mesh()->points, moved);
+  EXPECT_TRUE(file->two_dimensional());
   moved[2][2] = 1e-13;
   EXPECT_NO_THROW(file->with_points(moved)) << "rounding";
   moved[2][2] = 1e-9;

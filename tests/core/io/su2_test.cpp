@@ -96,6 +96,7 @@ TEST(Su2, FacesAndMarkersOfAPlaneMesh) {
 TEST(Su2, APlaneMeshStaysInItsPlane) {
   const auto file = parse_mesh(plane, "a.su2");
   EXPECT_EQ(file->with_points(file->mesh()->points), plane);
+  EXPECT_TRUE(file->two_dimensional());
   Points moved = file->mesh()->points;
   moved[1] = {1.25, 0, 1e-13};  // rounding of a rotation
   moved[4][1] = -0.5;
@@ -107,6 +108,7 @@ TEST(Su2, APlaneMeshStaysInItsPlane) {
 
 TEST(Su2, ElementsAndMarkersOfASolid) {
   const auto file = parse_mesh(solid, "a.su2");
+  EXPECT_FALSE(file->two_dimensional());
   const auto mesh = file->mesh();
   const auto elements = file->elements();
   ASSERT_NE(elements, nullptr);

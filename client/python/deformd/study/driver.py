@@ -21,7 +21,7 @@ from . import optimizers, results
 from .commands import end_commands
 from .journal import Journal
 from .libraries import needing_libraries
-from .places import Place, WorkerLost, open_place
+from .places import OutOfTime, Place, WorkerLost, open_place
 from .sampling import sample
 from .spec import TOLERANCE, Spec, name_advice, read_spec
 from .worker import Task, check_format, check_quality, evaluate, failed_record, kept_result, mesh_beside
@@ -118,31 +118,30 @@ class Study:
         futures: Dict[Any, Task] = {}
         lost = {task["number"]: 0 for task in tasks}
 
-        def submit(task: Task) -> None:
-            future = self._place.submit(evaluate, task)
-            futures[future], began[future] = task, time.monotonic()
+        def submit(given: List[Task]) -> None:
+            for task, future in self._place.submit_all(evaluate, given):
+                futures[future], began[future] = task, time.monotonic()
 
         try:
-            for task, record in ready:
-                if record is None:
-                    submit(task)
+            submit([task for task, record in ready if record is None])
             while futures:
                 for future in _done(futures):
                     # Not kept: Dask computes lost results of futures that somebody still has once more.
                     task, seconds = futures.pop(future), time.monotonic() - began.pop(future)
                     try:
                         record = self._place.result(future)
+                    except OutOfTime as error:
+                        record = failed_record(task, f"its job was out of time: {error}")
                     except WorkerLost as error:
                         lost[task["number"]] += 1
                         self._say(f"design {task['number']}: its worker ended: {error}")
                         if lost[task["number"]] < ATTEMPTS:
-                            submit(task)
+                            submit([task])
                             continue
                         record = failed_record(task, f"its worker ended {ATTEMPTS} times: {error}")
                     self._add(record, seconds)
         except BaseException:
-            for future in futures:
-                future.cancel()
+            self._place.cancel(list(futures))
             end_commands()
             raise
 

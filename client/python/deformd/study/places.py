@@ -10,10 +10,13 @@ import threading
 import time
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from typing import Any, Callable, Iterator, List, Tuple, Type
+from typing import Any, Callable, Iterable, Iterator, List, Mapping, Sequence, Tuple, Type
 
-from ..errors import Error
+from ..errors import Error, InvalidArgument
 from .commands import become_worker
+
+
+_OUT_OF_TIME = "submitit.core.utils.UncompletedJobError: "  # what its workers raise when they are told so
 
 
 class WorkerLost(Error):
@@ -22,23 +25,46 @@ class WorkerLost(Error):
     code = "worker_lost"
 
 
+class OutOfTime(WorkerLost):
+    """A scheduler ended the job of a design at its limit of time; another would end there, too."""
+
+    code = "out_of_time"
+
+
 class Place:
-    """Submits tasks and has their results. Futures are those of concurrent.futures, or have `result()` and `done()`."""
+    """Submits tasks and has their results. Futures are those of concurrent.futures, or have `result()`, `done()` and `cancel()`."""
 
     def __init__(self, submit: Callable[..., Any], lost: Tuple[Type[BaseException], ...] = (), wrapped: Tuple[Type[BaseException], ...] = ()) -> None:
         """lost: what futures raise where a worker ended; wrapped: what they raise in the place of what the function raised, with its trace as text."""
-        self.submit = submit
+        self._submit = submit
         self._lost, self._wrapped = lost, wrapped
 
+    def submit_all(self, function: Callable[..., Any], tasks: Iterable[Mapping[str, Any]]) -> Iterator[Tuple[Mapping[str, Any], Any]]:
+        """Tasks with the futures of `function` of each, in any order; the futures of those that were taken are there at once."""
+        for task in tasks:
+            yield task, self._submit(function, task)
+
+    def cancel(self, futures: Sequence[Any]) -> None:
+        """Of those that run, threads and processes go on."""
+        for future in futures:
+            future.cancel()
+
     def result(self, future: Any) -> Any:
-        """Raises WorkerLost, or what the function raised."""
+        """Raises WorkerLost or OutOfTime, or what the function raised."""
         try:
             return future.result()
         except self._wrapped as error:
-            lines = [line for line in str(error).splitlines() if line.strip(" -") and not line.startswith(" ")]
-            raise Error(lines[-3] if len(lines) > 2 else str(error)) from error
+            told = _raised(str(error))
+            raise (OutOfTime if told.startswith(_OUT_OF_TIME) else Error)(told) from error
         except self._lost as error:
             raise WorkerLost(str(error).split("\n", 1)[0][:200]) from error
+
+
+def _raised(text: str) -> str:
+    """The exception of a trace, which stands in a text of more lines: what follows its last call."""
+    lines = text.splitlines()
+    calls = [number for number, line in enumerate(lines) if line.startswith('  File "')]
+    return next((line for line in lines[calls[-1]:] if line and not line.startswith(" ")), text) if calls else text
 
 
 class _Processes:
@@ -85,10 +111,18 @@ def open_place(place: Tuple[str, Any], folder: pathlib.Path) -> Iterator[Place]:
         from submitit.core.utils import FailedJobError, UncompletedJobError
 
         given = dict(options or {})
-        executor = submitit.AutoExecutor(folder=str(folder / "jobs"), cluster=given.pop("cluster", None))
-        executor.update_parameters(**given)
-        submit = _few_at_a_time(executor.submit) if executor.cluster == "local" else executor.submit
-        yield Place(submit, (UncompletedJobError,), (FailedJobError,))
+        try:
+            executor = submitit.AutoExecutor(folder=str(folder / "jobs"), cluster=given.pop("cluster", None))
+            executor.update_parameters(**given)
+        except (AssertionError, NameError, RuntimeError, TypeError, ValueError) as error:  # what it raises for options
+            raise InvalidArgument(f"place.submitit: {error}") from error
+        if executor.cluster == "slurm":
+            from .slurm import open_slurm
+
+            yield open_slurm(executor, given)
+        else:
+            submit = _few_at_a_time(executor.submit) if executor.cluster == "local" else executor.submit
+            yield Place(submit, (UncompletedJobError,), (FailedJobError,))
     elif kind == "dask":
         from distributed import Client, KilledWorker
 
@@ -129,4 +163,4 @@ def _ray(options: Any) -> Iterator[Place]:
         ray.shutdown()
 
 
-__all__ = ["Place", "WorkerLost", "open_place"]
+__all__ = ["OutOfTime", "Place", "WorkerLost", "open_place"]

@@ -13,7 +13,7 @@ import subprocess
 import tempfile
 import threading
 import time
-from typing import Any, Dict, Iterator, List, Mapping, Optional, Tuple
+from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional, Tuple
 
 import numpy as np
 
@@ -41,20 +41,23 @@ _loaded: Dict[str, Any] = {}
 _FAILURES = ("invalid_argument", "numerical_failure", "deadline_exceeded")
 
 
-def evaluate(task: Task) -> Dict[str, Any]:
+def evaluate(task: Task, before_failing: Callable[[], None] = lambda: None) -> Dict[str, Any]:
     """The record of a design: number, x, verdict, reasons, values, gradients (of values at the variables), mesh, whose file was written, and
     seconds_deforming (until its points are there, for a command as a file), seconds_evaluating (by measures, function or command) and, where
     it is measured, seconds_quality. not_evaluated: True where quality is outside of its constraints and the task says that this is enough.
 
     verdict: that of the report, "failed" where evaluator or design failed; of compiled deformations "bad" where cells
     are inverted, "doubtful" where faces are flipped or handles mirrored, else "unknown". Raises what has nothing to do with the design: no server, no such function. What
-    functions and commands gave is kept in the folder, so that it is there for the study even if that ended meanwhile.
+    functions and commands gave is kept in the folder, so that it is there for the study even if that ended meanwhile. before_failing: is called
+    before a record of a failed evaluation.
     """
     kept = pathlib.Path(task["folder"]) / "results" / f"{task['number']:06}.json"
     found = kept_result(task)
     if found is not None:
         return found
     record = _evaluate(task)
+    if record["verdict"] == "failed":
+        before_failing()
     if "function" in task["evaluate"] or "command" in task["evaluate"]:
         kept.parent.mkdir(exist_ok=True)
         write_whole(kept, json.dumps({**record, "study": task["study"]}, allow_nan=False).encode())

@@ -36,6 +36,8 @@ class ContainerMeshFile : public MeshFile {
     return written;
   }
 
+  bool two_dimensional() const override { return flat_; }
+
  private:
   const ContainerLibrary& library_;
   const std::string bytes_, layout_;
