@@ -17,7 +17,7 @@ namespace deform {
 
 namespace {
 
-constexpr double small_reach = 1e-4;  // of D
+constexpr double small_reach = 1e-4, large_reach = 1;  // of D
 constexpr std::size_t most_variables = 100;
 
 std::string rounded(double value) {
@@ -66,8 +66,8 @@ std::string motion_note(const DesignVariable& variable, const std::string& handl
   const double largest = std::max(-variable.lower, variable.upper);
   if (const auto* rotation = std::get_if<Rotation>(&kind)) {
     const double turns = radians(*rotation, largest) / (2 * std::numbers::pi);
-    if (!std::isfinite(turns) || turns <= 1) return {};
     const bool degrees = rotation->unit == AngleUnit::degrees;
+    if (!std::isfinite(turns) || turns <= (degrees ? 1 : 0.5)) return {};
     return " They turn handle \"" + handle + "\" by up to " + rounded(largest) + (degrees ? " degrees, " : " radians, ") +
            rounded(turns) + " turns" + (degrees ? "." : "; for degrees give the rotation unit: DEGREES.");
   }
@@ -114,6 +114,7 @@ std::vector<std::string> variable_notes(const Mesh& mesh, const Setup& setup, co
       const double share = diagonal > 0 ? *reaches[k] / diagonal : 0;
       note = " bounds move points by up to " + rounded(*reaches[k]) + " (" + rounded(share) + " D).";
       if (share < small_reach) note += " That is hardly anything; are they in the units of the mesh?";
+      if (share > large_reach) note += " That is farther than the model is long; are they in the units of the mesh?";
     }
     for_each_motion(variable, [&](const std::string& handle, const VariableMotion& kind) {
       const std::string more = motion_note(variable, handle, kind);

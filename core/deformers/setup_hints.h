@@ -21,8 +21,8 @@ std::vector<std::optional<double>> variable_reaches(const Mesh& mesh, const Setu
                                                     const RunContext& context = {});
 
 /// One sentence for each of at most 100 variables, "Variable mid_up: bounds move points by up to 30 (0.05 D).", followed by what
-/// is rarely meant: rotations beyond one turn, scales whose lower bound is -1 or less, and bounds that move points by less than
-/// 1e-4 D.
+/// is rarely meant: rotations beyond one turn or, in radians, half a turn, scales whose lower bound is -1 or less, and bounds
+/// that move points by less than 1e-4 D or more than D.
 std::vector<std::string> variable_notes(const Mesh& mesh, const Setup& setup, const SelectedRegions& regions,
                                         const RunContext& context = {});
 

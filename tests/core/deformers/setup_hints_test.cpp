@@ -75,11 +75,16 @@ TEST(SetupHints, NotesOfVariables) {
   EXPECT_NE(note({"up", "end", up, -0.99e-4 * D, 0}).find(hardly), std::string::npos);
   EXPECT_EQ(note({"up", "end", up, -1.01e-4 * D, 0}).find(hardly), std::string::npos);
 
+  const char* far = "farther than the model is long; are they in the units of the mesh?";
+  EXPECT_NE(note({"up", "end", up, 0, 1.01 * D}).find(far), std::string::npos);
+  EXPECT_EQ(note({"up", "end", up, 0, 0.99 * D}).find(far), std::string::npos);
+
   const DesignVariable::Rotate turn{{0, 1, 0}, {0, 0, 0}}, degrees{{0, 1, 0}, {0, 0, 0}, AngleUnit::degrees};
   EXPECT_NE(note({"turn", "end", turn, -15, 15})
                 .find("They turn handle \"end\" by up to 15 radians, 2.39 turns; for degrees give the rotation unit: DEGREES."),
             std::string::npos);
-  EXPECT_EQ(note({"turn", "end", turn, -6.28, 6.28}).find("turns"), std::string::npos);
+  EXPECT_NE(note({"turn", "end", turn, -3, 3.15}).find("by up to 3.15 radians, 0.501 turns"), std::string::npos);
+  EXPECT_EQ(note({"turn", "end", turn, -3.14, 3.14}).find("turns"), std::string::npos);
   EXPECT_NE(note({"turn", "end", degrees, -361, 5}).find("361 degrees, 1 turns."), std::string::npos);
   EXPECT_EQ(note({"turn", "end", degrees, -360, 360}).find("turns"), std::string::npos);
 
