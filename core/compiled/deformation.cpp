@@ -20,9 +20,9 @@ namespace deform::compiled {
 
 namespace {
 
-constexpr double agreement = 1e-10;             // of D: how far apart coincident points may be sent
-constexpr std::size_t designs_per_pass = 16;    // as many as keep a tile's results in the first-level cache
-constexpr std::size_t tiles_per_sum = 64;       // of a pull-back: the parts whose sums are added in order
+constexpr double agreement = 1e-10;          // of D: how far apart coincident points may be sent
+constexpr std::size_t designs_per_pass = 4;  // more streams of results than that are slower to write than the bases to read again
+constexpr std::size_t tiles_per_sum = 64;    // of a pull-back: the parts whose sums are added in order
 constexpr std::size_t least_per_thread = 4096;  // points
 constexpr std::size_t held_per_pass = 512;      // points
 constexpr const char* only_slides =
