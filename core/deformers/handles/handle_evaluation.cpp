@@ -15,6 +15,12 @@
 
 namespace deform {
 
+namespace {
+
+constexpr std::size_t streams_of_results = 4;
+
+}  // namespace
+
 void add_components(const std::vector<std::size_t>& components, std::size_t designs, const double* part, double* values) {
   const std::size_t width = components.size();
   for (std::size_t i = 0; i < designs; ++i) {
@@ -243,8 +249,20 @@ Vec3 HandleEvaluation::prescribed_displacement(const BoundDesign& design, PointI
 
 void HandleEvaluation::evaluate(std::size_t begin, std::size_t end, std::size_t first, std::span<Vec3* const> out) const {
   evaluate_prescribed(begin, end, first, out);
-  evaluate_following(begin, end, first, out);
+  const std::size_t pass = designs_in_pass(first, out.size());
+  for (std::size_t k = 0; k < out.size(); k += pass) {
+    evaluate_following(begin, end, first + k, out.subspan(k, std::min(pass, out.size() - k)));
+  }
   replace_points(begin, end, first, out);
+}
+
+/// Of designs on stored bases: more streams of results than a few are slower to write than the bases of these points to read
+/// again. What is computed for a tile, or decoded, is for all designs.
+std::size_t HandleEvaluation::designs_in_pass(std::size_t first, std::size_t count) const {
+  const bool compressed = system_->has_basis() && system_->basis_.front().compressed;
+  bool direct = false;
+  for (std::size_t i = first; i < first + count; ++i) direct = direct || is_direct(i);
+  return compressed || direct ? std::max<std::size_t>(1, count) : streams_of_results;
 }
 
 SpaceMap::Told HandleEvaluation::displacements_at(std::span<const Vec3>, std::uint64_t, std::span<Vec3>,

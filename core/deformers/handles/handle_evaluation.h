@@ -91,6 +91,7 @@ class HandleEvaluation : public Evaluation {
   double largest_checked(std::size_t design) const;
   void evaluate_prescribed(std::size_t begin, std::size_t end, std::size_t first, std::span<Vec3* const> out) const;
   struct Pass;
+  std::size_t designs_in_pass(std::size_t first, std::size_t count) const;
   void evaluate_following(std::size_t begin, std::size_t end, std::size_t first, std::span<Vec3* const> out) const;
   void start_sums(std::size_t first, std::size_t count, Pass& pass) const;
   void fill_tile(std::size_t tile, std::size_t first, std::size_t count, Pass& pass) const;
