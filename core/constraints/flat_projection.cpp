@@ -21,6 +21,13 @@ double FlatProjection::project(std::span<const Vec3> x, std::span<Vec3> out, Sha
   return squares;
 }
 
+Projection::Misfit FlatProjection::misfit(std::span<const Vec3> x, std::span<const Vec3> /*y*/) const {
+  std::vector<Vec3> projected(x.size());
+  ShapeParameters shape;
+  of_->project(x, projected, shape);
+  return of_->misfit(x, projected);
+}
+
 void FlatProjection::derivative(std::span<const Vec3> x, const ShapeParameters& shape, std::span<const Vec3> dx,
                                 std::span<Vec3> out) const {
   std::vector<Vec3> flat(dx.begin(), dx.end());

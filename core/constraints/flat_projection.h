@@ -29,7 +29,8 @@ class FlatProjection : public Projection {
   double project(std::span<const Vec3> x, std::span<Vec3> out, ShapeParameters& shape) const override;
   void derivative(std::span<const Vec3> x, const ShapeParameters& shape, std::span<const Vec3> dx,
                   std::span<Vec3> out) const override;
-  Misfit misfit(std::span<const Vec3> x, std::span<const Vec3> y) const override { return of_->misfit(x, y); }
+  /// That of the other constraint, whose shape is fitted anew: its distances from x, not their parts along the plane.
+  Misfit misfit(std::span<const Vec3> x, std::span<const Vec3> y) const override;
   Linearization linearize(std::span<const Vec3> x, const ShapeParameters& shape) const override;
 
  private:

@@ -26,7 +26,7 @@ using Clock = std::chrono::steady_clock;
 
 struct Options {
   std::string deformd = DEFORMD_BINARY;
-  std::string folder = "evaluate_bench";
+  std::string folder = (std::filesystem::temp_directory_path() / "evaluate_bench").string();
   std::size_t points = 10'000'000;
   std::size_t centres = 2000;
 };

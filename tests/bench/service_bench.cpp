@@ -35,7 +35,7 @@ struct Options {
   std::string deformd = DEFORMD_BINARY;
   std::string python = DEFORM_PYTHON;
   std::string scipy_script = SCIPY_SCRIPT;
-  std::string folder = "service_bench";
+  std::string folder = (std::filesystem::temp_directory_path() / "service_bench").string();
   CaseSize small{50'000, 2000, 20};
   CaseSize large{465'000, 2000, 20};
   int single_designs = 60;

@@ -3,19 +3,31 @@
 """House rules that need no compiler. usage: check_sources.py ROOT
 
 Headers have #pragma once, but for those that are included once per instruction set (-inl.h); files have at most 900 lines (over 450 they
-are one idea); no marks of unfinished work, no skipped tests, no tabs or trailing blanks. The members of one class are defined in one file. A folder with sources says in a README.md what lives in it,
+are one idea); nothing at the top but what the project has there; no marks of unfinished work, no skipped tests, no tabs or trailing blanks. The members of one class are defined in one file. A folder with sources says in a README.md what lives in it,
 and the large ones have at most 25 pairs of files of their own.
 Programs print floating-point numbers by number_digits(), not by std::to_string(), which has six decimals for all of them. Without a
 compiler that is told by names: what is declared floating in the file, or in headers and nowhere as anything else.
 """
 import os
 import re
+import subprocess
 import sys
 
+TOP = {"client", "core", "deploy", "docs", "proto", "server", "tests", "CHANGELOG.md", "CMakeLists.txt", "CMakePresets.json", "CONTRIBUTING.md",
+       "Dockerfile", "LICENSE", "README.md"}
 FOLDERS = ("core", "server", "client", "proto", "tests", "deploy")
 ENDINGS = (".h", ".cpp", ".proto", ".py", ".sh", ".cmake", ".txt")
 LIMIT = 900
 UNFINISHED = re.compile(r"\b(TO" r"DO\b|FIX" r"ME\b|XX" r"X\b|DIS" r"ABLED_|GTEST_" r"SKIP)")
+
+
+def check_top(root):
+    """What is tracked beside the folders and files of the project: what a program left where it ran, most of the time."""
+    listed = subprocess.run(["git", "-C", root, "ls-files", "-z"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, check=False)
+    if listed.returncode != 0:
+        return []  # a copy without its history
+    tops = {name.split("/")[0] for name in listed.stdout.decode().split("\0") if name}
+    return sorted(name for name in tops - TOP if not name.startswith("."))
 
 
 def check(path, lines):
@@ -169,6 +181,9 @@ def main():
     root, files, found = sys.argv[1], 0, 0
     floating = FloatingNumbers(root)
     classes = Classes()
+    for name in check_top(root):
+        found += 1
+        print(f"{name}:1: nothing but the project's folders and files stands at the top")
     for top in FOLDERS:
         for where, folders, names in os.walk(os.path.join(root, top)):
             folders[:] = sorted(name for name in folders if name != "__pycache__")

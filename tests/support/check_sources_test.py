@@ -1,7 +1,9 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""check_sources.py finds std::to_string() of floating-point numbers, classes in several files, and folders without a description."""
+"""check_sources.py finds std::to_string() of floating-point numbers, classes in several files, folders without a description, and what
+programs left at the top."""
 import os
+import subprocess
 import tempfile
 import unittest
 
@@ -120,6 +122,20 @@ class Folders(unittest.TestCase):
         self.assertEqual(self.check("core/io/formats/body", names, self.SAID), [])
         self.assertEqual(len(self.check("core/io/formats/body", names + ["one_more.h"], self.SAID)), 1)
         self.assertEqual(self.check("core/quality", names + ["one_more.h"], self.SAID), [])
+
+
+class Top(unittest.TestCase):
+    def test_what_a_program_left_is_found(self):
+        with tempfile.TemporaryDirectory() as root:
+            self.assertEqual(check_sources.check_top(root), [], "no repository")
+            subprocess.run(["git", "-C", root, "init", "-q"], check=True)
+            for name in ("core/a.h", ".hidden", "README.md", "some_bench/data/lock", "log"):
+                os.makedirs(os.path.dirname(os.path.join(root, name)), exist_ok=True)
+                with open(os.path.join(root, name), "w", encoding="utf-8"):
+                    pass
+            self.assertEqual(check_sources.check_top(root), [], "nothing is tracked")
+            subprocess.run(["git", "-C", root, "add", "-A"], check=True)
+            self.assertEqual(check_sources.check_top(root), ["log", "some_bench"])
 
 
 if __name__ == "__main__":
