@@ -39,8 +39,8 @@ def resident(pid, what="VmRSS"):
 class Honest:
     """honest.py at work."""
 
-    def __init__(self, address, request):
-        self.process = subprocess.Popen([sys.executable, os.path.join(HERE, "honest.py"), address], stdin=subprocess.PIPE,
+    def __init__(self, address, request, token=""):
+        self.process = subprocess.Popen([sys.executable, os.path.join(HERE, "honest.py"), address, token], stdin=subprocess.PIPE,
                                         stdout=subprocess.PIPE, text=True)
         self.process.stdin.write(request.SerializeToString().hex() + "\n")
         self.process.stdin.flush()

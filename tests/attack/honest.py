@@ -2,7 +2,7 @@
 """A client that asks for little: one design and one question again and again, until its standard input ends. A process of its own, so
 that nothing but the server keeps it waiting. Prints the seconds of its rounds and its failures as JSON.
 
-    honest.py ADDRESS    the DeformRequest on standard input, as one line of hexadecimal digits
+    honest.py ADDRESS [TOKEN]    the DeformRequest on standard input, as one line of hexadecimal digits
 """
 
 import json
@@ -37,14 +37,16 @@ def main():
     request = deformation_pb2.DeformRequest.FromString(bytes.fromhex(sys.stdin.readline()))
     ending = threading.Event()
     threading.Thread(target=lambda: (sys.stdin.read(), ending.set()), daemon=True).start()
+    token = sys.argv[2] if len(sys.argv) > 2 else ""
+    calling = {"timeout": 30, "metadata": (("authorization", f"Bearer {token}"),) if token else ()}
     seconds, failures = [], []
     with grpc.insecure_channel(sys.argv[1]) as channel:
         service = service_pb2_grpc.DeformServiceStub(channel)
         while not ending.wait(0.02):
             start = time.monotonic()
             try:
-                until_answered(lambda: service.GetServerInfo(service_pb2.GetServerInfoRequest(), timeout=30))
-                replies = until_answered(lambda: list(service.Deform(request, timeout=30)))
+                until_answered(lambda: service.GetServerInfo(service_pb2.GetServerInfoRequest(), **calling))
+                replies = until_answered(lambda: list(service.Deform(request, **calling)))
                 if replies[-1].WhichOneof("part") != "summary":
                     failures.append(f"the last reply is {replies[-1]}")
             except grpc.RpcError as error:

@@ -44,7 +44,7 @@ class Tenant:
     """Who calls: a token and the name under which its geometries are told from those of others."""
 
     def __init__(self, name, token):
-        self.name = name
+        self.name, self.token = name, token
         self.metadata = (("authorization", f"Bearer {token}"),)
 
 
