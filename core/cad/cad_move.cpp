@@ -30,6 +30,7 @@
 #include "core/base/vectors.h"
 #include "core/cad/boundary_triangles.h"
 #include "core/cad/closed_edges.h"
+#include "core/cad/coordinates.h"
 #include "core/cad/correspondence.h"
 #include "core/cad/derivation.h"
 #include "core/cad/edge_map.h"
@@ -52,7 +53,6 @@ constexpr int most_samples = 300;                                 ///< of one ed
 constexpr double length_tolerance = 1e-3, area_tolerance = 1e-2;  ///< of D; relative
 constexpr double much_better = 0.7;                               ///< ratio of distortions
 
-Vec3 vec(const gp_Pnt& p) { return {p.X(), p.Y(), p.Z()}; }
 gp_Pnt pnt(const Vec3& p) { return {p[0], p[1], p[2]}; }
 
 class Carrier {
@@ -183,7 +183,7 @@ class Carrier {
 
   /// A node whose place on the model stays is left where the mesh has it.
   void move(const gp_Pnt& from, const gp_Pnt& to, Vec3& place) const {
-    if (from.Distance(to) > still * before_.diagonal) place = vec(to);
+    if (from.Distance(to) > still * before_.diagonal) place = coordinates(to);
   }
 
   void carry_on_edge(std::size_t i, Vec3& place) {
@@ -246,7 +246,7 @@ class Carrier {
       const auto known = local.find(inside[k]);
       if (known == local.end()) continue;  // of no triangle
       other.nodes[known->second].uv = found[k];
-      other.nodes[known->second].place = vec(to->Value(found[k][0], found[k][1]));
+      other.nodes[known->second].place = coordinates(to->Value(found[k][0], found[k][1]));
     }
     const std::size_t faults = flipped_triangles(to, patch).size() + nodes_outside(f, patch).size(),
                       others = flipped_triangles(to, other).size() + nodes_outside(f, other).size();
@@ -278,9 +278,9 @@ class Carrier {
       if (flipped.empty() && outside.empty()) break;
       FacePatch slid = patch;
       slide_inner_nodes(surface, slid, flipped, outside, rings, context);
-      const std::vector<std::size_t> still = flipped_triangles(surface, slid), off = nodes_outside(f, slid);
-      if (still.size() + off.size() >= outcome.flipped + outcome.outside) continue;
-      outcome.flipped = still.size();
+      const std::vector<std::size_t> still_flipped = flipped_triangles(surface, slid), off = nodes_outside(f, slid);
+      if (still_flipped.size() + off.size() >= outcome.flipped + outcome.outside) continue;
+      outcome.flipped = still_flipped.size();
       outcome.outside = off.size();
       for (std::size_t k = 0; k < members.size(); ++k) {
         if (slid.nodes[k].uv == patch.nodes[k].uv) continue;
@@ -288,7 +288,7 @@ class Carrier {
         places[members[k]] = slid.nodes[k].place;
       }
       patch = std::move(slid);
-      flipped = still;
+      flipped = still_flipped;
       outside = off;
     }
   }

@@ -28,6 +28,7 @@
 
 #include "core/base/error.h"
 #include "core/base/vectors.h"
+#include "core/cad/coordinates.h"
 #include "core/cad/document.h"
 #include "core/cad/model.h"
 #include "core/cad/node_owners.h"
@@ -41,10 +42,6 @@ constexpr double same = 1e-7;       ///< of D and of radians: two faces lie on o
 constexpr double symmetric = 1e-6;  ///< of D
 
 using Kind = CadShape::Kind;
-
-Vec3 coordinates(const gp_XYZ& p) { return {p.X(), p.Y(), p.Z()}; }
-Vec3 coordinates(const gp_Pnt& p) { return coordinates(p.XYZ()); }
-Vec3 coordinates(const gp_Dir& d) { return coordinates(d.XYZ()); }
 
 double from_axis(const CadShape& shape, const Vec3& p) {
   const Vec3 w = p - shape.point;

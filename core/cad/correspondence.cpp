@@ -18,6 +18,7 @@
 #include "core/base/error.h"
 #include "core/base/number_text.h"
 #include "core/base/vectors.h"
+#include "core/cad/coordinates.h"
 #include "core/cad/face_marks.h"
 #include "core/cad/model_graph.h"
 
@@ -31,8 +32,6 @@ constexpr double slightly = 1.1;       ///< another way that fits so much better
 constexpr double far_better = 20;      ///< a turned model that fits so much better, in squares, is not overlooked
 constexpr int forced_kind = 100;
 constexpr int most_tries = 20000, most_first = 24, most_second = 6;
-
-Vec3 vec(const gp_Pnt& p) { return {p.X(), p.Y(), p.Z()}; }
 
 /// Colours of the entities of both models; equal colours may be partners.
 struct Colours {
@@ -810,7 +809,7 @@ class Matching {
     double along = 0, against = 0;
     for (int i = 1; i < 8; ++i) {
       const auto at = [&](const BRepAdaptor_Curve& curve, double s) {
-        return vec(curve.Value(curve.FirstParameter() + s * (curve.LastParameter() - curve.FirstParameter())));
+        return coordinates(curve.Value(curve.FirstParameter() + s * (curve.LastParameter() - curve.FirstParameter())));
       };
       along += squared_distance(at(a, i / 8.0) - at(a, 0), at(b, i / 8.0) - at(b, 0));
       against += squared_distance(at(a, i / 8.0) - at(a, 0), at(b, 1 - i / 8.0) - at(b, 0));

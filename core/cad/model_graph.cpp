@@ -15,6 +15,7 @@
 #include <cmath>
 
 #include "core/base/vectors.h"
+#include "core/cad/coordinates.h"
 #include "core/numerics/dense/decompositions.h"
 
 namespace deform::cad {
@@ -23,20 +24,19 @@ namespace {
 
 constexpr double normal_weight = 0.1;
 
-Vec3 place_of(const gp_Pnt& p) { return {p.X(), p.Y(), p.Z()}; }
 Eigen::Vector3d column(const Vec3& v) { return {v[0], v[1], v[2]}; }
 
 Vec3 place_of_edge(const TopoDS_Edge& edge) {
-  if (BRep_Tool::Degenerated(edge)) return place_of(BRep_Tool::Pnt(TopExp::FirstVertex(edge)));
+  if (BRep_Tool::Degenerated(edge)) return coordinates(BRep_Tool::Pnt(TopExp::FirstVertex(edge)));
   const BRepAdaptor_Curve curve(edge);
   if (curve.Value(curve.FirstParameter()).Distance(curve.Value(curve.LastParameter())) > 1e-7) {
-    return place_of(curve.Value(0.5 * (curve.FirstParameter() + curve.LastParameter())));
+    return coordinates(curve.Value(0.5 * (curve.FirstParameter() + curve.LastParameter())));
   }
   Vec3 sum{};  // a closed curve: its middle, wherever it starts
   constexpr int samples = 16;
   for (int i = 0; i < samples; ++i) {
     const double t = curve.FirstParameter() + i * (curve.LastParameter() - curve.FirstParameter()) / samples;
-    sum = sum + place_of(curve.Value(t));
+    sum = sum + coordinates(curve.Value(t));
   }
   return sum / samples;
 }
@@ -113,7 +113,7 @@ class GraphMaker {
     for (int e = 0; e < model_.edge_count(); ++e) add_edge(e);
     for (int v = 0; v < model_.vertex_count(); ++v) {
       graph_.kinds[graph_.first_vertex + v] = {2};
-      graph_.places[graph_.first_vertex + v] = place_of(BRep_Tool::Pnt(model_.vertex(v)));
+      graph_.places[graph_.first_vertex + v] = coordinates(BRep_Tool::Pnt(model_.vertex(v)));
     }
     for (int s = 0; s < model_.solids.Extent(); ++s) {
       graph_.kinds[graph_.first_solid + s] = {4};
@@ -136,7 +136,7 @@ class GraphMaker {
     graph_.kinds[f] = types_ == FaceTypes::told ? kind_of(model_, f, surface) : std::vector<int>{0};
     GProp_GProps properties;
     BRepGProp::SurfaceProperties(model_.face(f), properties);
-    graph_.places[f] = place_of(properties.CentreOfMass());
+    graph_.places[f] = coordinates(properties.CentreOfMass());
     if (surface.GetType() == GeomAbs_Plane) {
       gp_Dir normal = surface.Plane().Axis().Direction();
       if (!surface.Plane().Direct()) normal.Reverse();

@@ -18,6 +18,7 @@
 #include "core/base/error.h"
 #include "core/base/vectors.h"
 #include "core/cad/analytic_fit.h"
+#include "core/cad/coordinates.h"
 
 namespace deform::cad {
 
@@ -28,11 +29,9 @@ constexpr double pole_share = 0.01;         ///< of the limit of reshaped faces,
 constexpr double box_margin = 1e-6;         ///< pcurves may leave the box of a face by their tolerance
 constexpr double check_spacing = 1.0 / 24;  ///< of D
 
-Vec3 vector_of(const gp_Pnt& p) { return {p.X(), p.Y(), p.Z()}; }
-
 Vec3 projected(const Geom_ElementarySurface& surface, const Vec3& p) {
   const std::array<double, 2> uv = analytic_parameters(surface, p, 0);
-  return vector_of(surface.Value(uv[0], uv[1]));
+  return coordinates(surface.Value(uv[0], uv[1]));
 }
 
 /// Ascending parameters from a to b, with those between at which the geometry is less than C2.
@@ -74,13 +73,15 @@ Refitting::Refitting(const Model& model, const Limits& limits, const HeldFaces* 
   for (int e = 0; e < model.edge_count(); ++e) edges_.push_back(edge_of(e));
 }
 
-Vec3 Refitting::at_rest(int f, const std::array<double, 2>& uv) const { return vector_of(faces_[f].adaptor.Value(uv[0], uv[1])); }
+Vec3 Refitting::at_rest(int f, const std::array<double, 2>& uv) const {
+  return coordinates(faces_[f].adaptor.Value(uv[0], uv[1]));
+}
 
 std::array<Vec3, 3> Refitting::frame_at_rest(int f, const std::array<double, 2>& uv) const {
   gp_Pnt p;
   gp_Vec along_u, along_v;
   faces_[f].adaptor.D1(uv[0], uv[1], p, along_u, along_v);
-  return {vector_of(p), {along_u.X(), along_u.Y(), along_u.Z()}, {along_v.X(), along_v.Y(), along_v.Z()}};
+  return {coordinates(p), {along_u.X(), along_u.Y(), along_u.Z()}, {along_v.X(), along_v.Y(), along_v.Z()}};
 }
 
 Refitting::Face Refitting::face_of(int f) const {
@@ -147,11 +148,11 @@ const Points& Refitting::wanted() {
     if (!edges_[e].open) continue;
     edges_[e].fit.want([&](const SplineFit::Parameters& at) {
       asked_.push_back({-1, e, at});
-      wanted_.push_back(vector_of(edges_[e].rest->Value(at[0])));
+      wanted_.push_back(coordinates(edges_[e].rest->Value(at[0])));
     });
   }
   if (!vertices_known_) {
-    for (int v = 0; v < model_.vertex_count(); ++v) wanted_.push_back(vector_of(BRep_Tool::Pnt(model_.vertex(v))));
+    for (int v = 0; v < model_.vertex_count(); ++v) wanted_.push_back(coordinates(BRep_Tool::Pnt(model_.vertex(v))));
   }
   return wanted_;
 }
@@ -189,7 +190,7 @@ PlaceSamples Refitting::samples_of(const Edge& edge) {
   PlaceSamples samples{Eigen::Matrix3Xd(3, count), Eigen::Matrix3Xd(3, count)};
   Eigen::Index i = 0;
   for (const auto& [at, place] : edge.fit.places()) {
-    const Vec3 rest = vector_of(edge.rest->Value(at[0]));
+    const Vec3 rest = coordinates(edge.rest->Value(at[0]));
     samples.before.col(i) << rest[0], rest[1], rest[2];
     samples.after.col(i++) << place[0], place[1], place[2];
   }
@@ -295,7 +296,7 @@ void Refitting::hold_borders() {
       TopExp::MapShapes(model_.face(f), TopAbs_VERTEX, corners);
       for (int k = 1; k <= corners.Extent(); ++k) {
         const int v = model_.vertices.FindIndex(corners(k)) - 1;
-        vertices_[v] = kind == Refit::moved ? vector_of(BRep_Tool::Pnt(model_.vertex(v)).Transformed(face.motion))
+        vertices_[v] = kind == Refit::moved ? coordinates(BRep_Tool::Pnt(model_.vertex(v)).Transformed(face.motion))
                                             : projected(*face.reshaped, vertices_[v]);
       }
       for (const Coedge& use : model_.coedges[f]) {
@@ -387,7 +388,7 @@ bool Refitting::check_borders() {
         const gp_Pnt rest = edge.rest->Value(at[0]);
         const double miss = reshaped
                                 ? analytic_distance(*face.reshaped, place)
-                                : distance(vector_of(face.refit == Refit::moved ? rest.Transformed(face.motion) : rest), place);
+                                : distance(coordinates(face.refit == Refit::moved ? rest.Transformed(face.motion) : rest), place);
         if (miss > (reshaped ? limits_.reshaped : limits_.rigid)) return true;
       }
       return false;
@@ -454,16 +455,16 @@ Handle(Geom_Curve) Refitting::curve(int e) const {
   return edge.fit.curve();
 }
 
-Vec3 Refitting::edge_at_rest(int e, double t) const { return vector_of(edges_[e].rest->Value(t)); }
+Vec3 Refitting::edge_at_rest(int e, double t) const { return coordinates(edges_[e].rest->Value(t)); }
 
 double Refitting::edge_error(int e, double t, const Vec3& target) const {
   const Edge& edge = edges_[e];
   const gp_Pnt rest = edge.rest->Value(t);
   switch (edge.refit) {
     case Refit::kept:
-      return distance(vector_of(rest), target);
+      return distance(coordinates(rest), target);
     case Refit::moved:
-      return distance(vector_of(rest.Transformed(edge.motion)), target);
+      return distance(coordinates(rest.Transformed(edge.motion)), target);
     default:
       return distance(edge.fit.value({t, 0}), target);
   }
@@ -476,7 +477,7 @@ double Refitting::error(int f, const std::array<double, 2>& uv, const Vec3& targ
       return distance(at_rest(f, uv), target);
     case Refit::moved: {
       const Vec3 rest = at_rest(f, uv);
-      return distance(vector_of(gp_Pnt(rest[0], rest[1], rest[2]).Transformed(face.motion)), target);
+      return distance(coordinates(gp_Pnt(rest[0], rest[1], rest[2]).Transformed(face.motion)), target);
     }
     case Refit::reshaped:
       return analytic_distance(*face.reshaped, target);

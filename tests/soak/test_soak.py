@@ -96,8 +96,8 @@ class Soak(EndToEnd):
 
     def replace_a_mesh(self):
         """A mesh of its own size is registered, prepared, deformed, and deleted with its setups."""
-        size = 5000 + 1000 * (self.turns % 60)
-        name = f"mesh{self.turns % 60}"
+        size = 5000 + 7000 * (self.turns % 8)
+        name = f"mesh{self.turns % 8}"
         self.turns += 1
         self.deform("sample", "-o", f"{name}.obj", "--points", size)
         self.write(f"{name}.yaml", AHMED_SETUP.replace("ahmed.obj", f"{name}.obj"))
