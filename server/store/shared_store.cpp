@@ -32,7 +32,8 @@ v1::GeometryInfo whole_info(const GeometryRecord& record, std::size_t setups) {
 SharedStore::SharedStore(const std::filesystem::path& directory, std::unique_ptr<SharedCatalog> catalog,
                          SharedStoreOptions options)
     : options_(std::move(options)),
-      files_(options_.store.files == nullptr ? system_files() : *options_.store.files),
+      watched_(options_.store.files == nullptr ? std::make_unique<WatchedFiles>(system_files(), directory) : nullptr),
+      files_(watched_ ? *watched_ : *options_.store.files),
       catalog_(std::move(catalog)),
       directory_(open_directory(directory, *catalog_, files_)),
       disk_(directory_->root(), directory_->reserve(), options_.store.disk, files_),
@@ -234,8 +235,8 @@ std::optional<v1::GeometryInfo> SharedStore::described(const GeometryRecord& rec
     const auto now = catalog_->find_geometry(owned(record));
     if (!now) return std::nullopt;
     if (now->put != record.put) return described(*now, setups);
-    info.set_damage(directory_->is_reachable() ? std::string("the stored file is missing or damaged; ") + register_again
-                                               : "the shared folder cannot be reached");
+    // Of a folder that cannot be reached nothing is known: then the catalog is believed, and systems in memory go on.
+    if (directory_->is_reachable()) info.set_damage(std::string("the stored file is missing or damaged; ") + register_again);
   }
   info.set_setups(static_cast<std::uint32_t>(setups));
   return info;

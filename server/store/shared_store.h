@@ -15,6 +15,7 @@
 #include "server/store/shared_catalog.h"
 #include "server/store/store.h"
 #include "server/store/store_directory.h"
+#include "server/store/watched_files.h"
 
 namespace deform::server {
 
@@ -43,7 +44,8 @@ struct SharedStoreOptions {
 /// that are gone are ended by another one. Files that no intent and no row names stay where they are.
 ///
 /// Nothing is remembered of what is in the catalog: what one server has registered is there for all at once, and so is what one
-/// has removed. Throws Error(unavailable) with a retry hint while catalog or folder cannot be reached. Each tenant has its own
+/// has removed. Throws Error(unavailable) with a retry hint while catalog or folder cannot be reached; a folder that falls silent
+/// keeps those calls alone waiting that had begun (watched_files.h). Each tenant has its own
 /// copy of a content. Thread-safe.
 class SharedStore : public Store {
  public:
@@ -100,6 +102,7 @@ class SharedStore : public Store {
   void step(const char* what) const { options_.store.on_step(what); }
 
   const SharedStoreOptions options_;
+  const std::unique_ptr<WatchedFiles> watched_;  // unless the options name other files
   FileSystem& files_;
   const std::unique_ptr<SharedCatalog> catalog_;
   const std::unique_ptr<StoreDirectory> directory_;
