@@ -370,12 +370,15 @@ CageAround around_half(const Mesh& mesh, const CageRequest& request, const RunCo
   return cage;
 }
 
+SurfaceMirrors mirrors_of(const Mesh& mesh, const CageRequest& request, double diagonal, const RunContext& context) {
+  return surface_mirrors(in_pieces(wrapped(mesh, request.kind, 0), longest_piece * diagonal),
+                         request.symmetry_tolerance * diagonal, context);
+}
+
 /// Around a mesh that may be its own mirror image.
 CageAround around_whole(const Mesh& mesh, const CageRequest& request, const Box& box, const RunContext& context) {
   if (request.symmetry_tolerance == 0) return Wrapping(mesh, request, box, context).run();
-  const double diagonal = box.diagonal();
-  const std::vector<TriangleCorners> triangles = in_pieces(wrapped(mesh, request.kind, 0), longest_piece * diagonal);
-  SurfaceMirrors mirrors = surface_mirrors(triangles, ClosestPoint(triangles), request.symmetry_tolerance * diagonal, context);
+  const SurfaceMirrors mirrors = mirrors_of(mesh, request, box.diagonal(), context);
   if (!mirrors.planes.empty()) {
     CageRequest mirrored = request;
     mirrored.planes = mirrors.planes;

@@ -131,27 +131,36 @@ struct Tried {
   }
 };
 
+/// Each place once, in order.
+std::vector<Vec3> corners_of(std::span<const TriangleCorners> triangles) {
+  std::vector<Vec3> corners;
+  for (const TriangleCorners& t : triangles) corners.insert(corners.end(), t.begin(), t.end());
+  std::sort(corners.begin(), corners.end());
+  corners.erase(std::unique(corners.begin(), corners.end()), corners.end());
+  corners.shrink_to_fit();
+  return corners;
+}
+
 class Search {
  public:
-  Search(std::span<const TriangleCorners> triangles, const ClosestPoint& closest, double tolerance, const RunContext& context)
-      : closest_(closest), tolerance_(tolerance), context_(context) {
-    Box box;
-    for (const TriangleCorners& t : triangles) samples_.insert(samples_.end(), t.begin(), t.end());
-    std::sort(samples_.begin(), samples_.end());
-    samples_.erase(std::unique(samples_.begin(), samples_.end()), samples_.end());
-    for (const Vec3& x : samples_) box.add(x);
-    diagonal_ = box.diagonal();
+  Search(std::vector<TriangleCorners> triangles, double tolerance, const RunContext& context)
+      : candidates_(mirror_candidates(triangles)),
+        samples_(corners_of(triangles)),
+        diagonal_(bounding_box(samples_).diagonal()),
+        closest_(std::move(triangles)),
+        tolerance_(tolerance),
+        context_(context) {
     const std::size_t step = samples_.size() / few_samples + 1;
     for (std::size_t i = 0; i < samples_.size(); i += step) few_.push_back(samples_[i]);
   }
 
-  SurfaceMirrors run(const std::vector<CagePlane>& candidates) {
+  SurfaceMirrors run() {
     std::vector<char> fits;
-    for (const CagePlane& plane : candidates) fits.push_back(try_plane(plane) <= fits_well * tolerance_ ? 1 : 0);
+    for (const CagePlane& plane : candidates_) fits.push_back(try_plane(plane) <= fits_well * tolerance_ ? 1 : 0);
     const std::size_t given = tried_.size();
-    for (std::size_t i = 0; i < candidates.size(); ++i) {
+    for (std::size_t i = 0; i < candidates_.size(); ++i) {
       if (fits[i] != 0 || std::count(fits.begin(), fits.end(), 1) >= 3) continue;
-      const CagePlane& plane = candidates[i];
+      const CagePlane& plane = candidates_[i];
       if (mean_deviation(plane) > worth_moving * diagonal_) continue;
       const CagePlane best = moved(plane);
       const bool known = std::any_of(tried_.begin() + static_cast<std::ptrdiff_t>(given), tried_.end(),
@@ -297,11 +306,13 @@ class Search {
     found.deviation = std::max(found.deviation, most);
   }
 
-  const ClosestPoint& closest_;
+  const std::vector<CagePlane> candidates_;
+  const std::vector<Vec3> samples_;
+  const double diagonal_;
+  const ClosestPoint closest_;
   const double tolerance_;
   const RunContext& context_;
-  double diagonal_ = 0;
-  std::vector<Vec3> samples_, few_;
+  std::vector<Vec3> few_;
   std::vector<Tried> tried_;
 };
 
@@ -336,10 +347,9 @@ std::vector<CagePlane> mirror_candidates(std::span<const TriangleCorners> triang
   return candidates;
 }
 
-SurfaceMirrors surface_mirrors(std::span<const TriangleCorners> triangles, const ClosestPoint& closest, double tolerance,
-                               const RunContext& context) {
+SurfaceMirrors surface_mirrors(std::vector<TriangleCorners> triangles, double tolerance, const RunContext& context) {
   if (triangles.empty()) return {};
-  return Search(triangles, closest, tolerance, context).run(mirror_candidates(triangles));
+  return Search(std::move(triangles), tolerance, context).run();
 }
 
 }  // namespace deform

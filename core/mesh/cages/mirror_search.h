@@ -37,14 +37,12 @@ struct SurfaceMirrors {
 };
 
 /// Looks for planes in which the corners of triangles have images at most `tolerance` (model units, over 0) from the triangles.
-/// What counts is the surface: vertices need not be images of each other, as of surfaces that were meshed without regard to their
-/// symmetry none are. A reflection takes itself back, so the surface is then nowhere farther from its image either. Triangles
-/// must be small as against the features of the surface, as only corners are looked at. `closest` are the same triangles. Among
-/// mirror_candidates() those that nearly fit are moved to where they fit best (iterated closest points: Besl and McKay 1992).
-/// Deterministic.
+/// What counts is the surface: vertices need not be images of each other, as those of surfaces that were meshed without regard to
+/// their symmetry are not. A reflection takes itself back, so the surface is nowhere farther from its image either. Triangles
+/// must be small as against the features of the surface, as only corners are looked at. Among mirror_candidates() those that
+/// nearly fit are moved to where they fit best (iterated closest points: Besl and McKay 1992). Deterministic.
 ///
 /// Throws Error(cancelled, deadline_exceeded) by the context.
-SurfaceMirrors surface_mirrors(std::span<const TriangleCorners> triangles, const ClosestPoint& closest, double tolerance,
-                               const RunContext& context = {});
+SurfaceMirrors surface_mirrors(std::vector<TriangleCorners> triangles, double tolerance, const RunContext& context = {});
 
 }  // namespace deform

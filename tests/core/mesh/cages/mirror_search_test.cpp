@@ -83,7 +83,7 @@ std::vector<TriangleCorners> mapped(std::vector<TriangleCorners> triangles, cons
 }
 
 SurfaceMirrors mirrors_of(const std::vector<TriangleCorners>& triangles, double tolerance) {
-  return surface_mirrors(triangles, ClosestPoint(triangles), tolerance);
+  return surface_mirrors(triangles, tolerance);
 }
 
 TEST(SurfaceMirrors, OfACarInAnyPositionAndUnit) {
@@ -180,14 +180,14 @@ TEST(SurfaceMirrors, AreNoneBeyondTheTolerance) {
 
 TEST(SurfaceMirrors, OfWhatHasNone) {
   EXPECT_TRUE(mirrors_of({{{{0, 0, 0}, {1, 0, 0}, {0, 2, 0}}}, {{{0, 0, 0}, {1, 0, 0}, {0.3, 0.2, 3}}}}, 1e-6).planes.empty());
-  EXPECT_TRUE(surface_mirrors({}, ClosestPoint({}), 1).planes.empty());
+  EXPECT_TRUE(surface_mirrors({}, 1).planes.empty());
   EXPECT_TRUE(mirror_candidates({}).empty());
   const std::vector<TriangleCorners> car = triangles_of(ahmed_body({.target_points = 2000}));
   RunContext context;
   std::stop_source stop;
   context.stop = stop.get_token();
   stop.request_stop();
-  test::expect_error(ErrorCode::cancelled, {}, [&] { (void)surface_mirrors(car, ClosestPoint(car), 1e-3, context); });
+  test::expect_error(ErrorCode::cancelled, {}, [&] { (void)surface_mirrors(car, 1e-3, context); });
 }
 
 TEST(CagePlane, IsTold) {
