@@ -77,6 +77,8 @@ ExitCode run_cage_mesh(const CageMeshCommand& options, const CommonOptions& comm
     json["symmetry"] = nlohmann::json::array();
     for (const CagePlane& plane : cage.planes) json["symmetry"].push_back(json_of(plane));
     if (!cage.planes.empty()) json["asymmetry"] = cage.asymmetry;
+    if (!cage.without.empty()) json["not_symmetric"] = nlohmann::json::array();
+    for (const CagePlane& plane : cage.without) json["not_symmetric"].push_back(json_of(plane));
     if (cage.nearly_symmetric) {
       json["nearly_symmetric"] = json_of(cage.nearly_symmetric->plane);
       json["nearly_symmetric"]["asymmetry"] = cage.nearly_symmetric->deviation;
@@ -92,6 +94,10 @@ ExitCode run_cage_mesh(const CageMeshCommand& options, const CommonOptions& comm
   std::cout << ", nearest point of the mesh at " << number_text(cage.clearance) << '\n'
             << "  least angle " << number_text(cage.least_angle) << " degrees\n"
             << "  points of the mesh outside: 0 of " << mesh->point_count() << '\n';
+  if (!cage.without.empty()) {
+    std::cout << "  not symmetric to " << planes_text(cage.without)
+              << ", as the mesh is: no such cage of so few points was found; ask for more\n";
+  }
   if (!cage.planes.empty()) {
     std::cout << "  symmetric to " << planes_text(cage.planes) << ", as the mesh is, but for " << number_text(cage.asymmetry)
               << " (" << number_text(cage.asymmetry / diagonal) << " D)\n";

@@ -320,7 +320,9 @@ class Wrapping {
     context_.check();
     if (planes > 0) {
       // The two sides of a plane were remeshed each for itself.
-      const Mesh whole = deform::with_images(part_beyond(made.to_mesh(), planes), planes);
+      const Mesh part = part_beyond(made.to_mesh(), planes);
+      if (part.points.empty()) return "none of its triangles is on the side of the mesh only";
+      const Mesh whole = deform::with_images(part, planes);
       if (!is_closed(whole)) return "it is no surface where its two sides meet in a symmetry plane";
       made = SurfaceMesh(whole);
     }
@@ -379,19 +381,23 @@ SurfaceMirrors mirrors_of(const Mesh& mesh, const CageRequest& request, double d
 CageAround around_whole(const Mesh& mesh, const CageRequest& request, const Box& box, const RunContext& context) {
   if (request.symmetry_tolerance == 0) return Wrapping(mesh, request, box, context).run();
   const SurfaceMirrors mirrors = mirrors_of(mesh, request, box.diagonal(), context);
-  if (!mirrors.planes.empty()) {
-    CageRequest mirrored = request;
-    mirrored.planes = mirrors.planes;
+  CageRequest mirrored = request;
+  mirrored.planes = mirrors.planes;
+  std::vector<CagePlane> without;
+  for (; !mirrored.planes.empty(); mirrored.planes.pop_back()) {
     try {
       CageAround cage = around_half(mesh, mirrored, context);
+      cage.without = std::move(without);
       cage.asymmetry = mirrors.deviation;
       return cage;
     } catch (const Error& error) {
       // Loops of edges in the planes can be too much for few points.
       if (error.code() != ErrorCode::failed_precondition) throw;
     }
+    without.insert(without.begin(), mirrored.planes.back());
   }
   CageAround cage = Wrapping(mesh, request, box, context).run();
+  cage.without = std::move(without);
   cage.nearly_symmetric = mirrors.near;
   return cage;
 }

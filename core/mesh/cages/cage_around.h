@@ -60,6 +60,8 @@ struct CageAround {
   int attempts = 0;            ///< with growing offsets, the last of which made it
   /// In which it is its own mirror image: those that were asked for, or found. Of boxes none are told.
   std::vector<CagePlane> planes{};
+  /// Planes of the model that were found, but in which no cage of so few points was its own mirror image.
+  std::vector<CagePlane> without{};
   double asymmetry = 0;  ///< with planes that were found: the largest distance of the model from its image, model units
   /// The plane that was not taken because the model is farther from its image, if there is one that comes near.
   std::optional<SurfaceMirrors::Near> nearly_symmetric{};

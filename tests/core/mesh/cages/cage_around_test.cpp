@@ -339,6 +339,27 @@ TEST(CageAround, OfAWholeModelIsThatOfItsHalf) {
   EXPECT_EQ(whole.mesh.face_points, same.mesh.face_points);
 }
 
+// A loop of edges in each plane takes more vertices than there are.
+TEST(CageAround, OfASymmetricModelWithFewPointsIsSymmetricToFewerPlanes) {
+  const Mesh ball = test::sphere(1, 4);
+  bool fewer = false, all = false;
+  for (const std::size_t points : {8u, 9u, 12u, 14u, 20u, 60u}) {
+    SCOPED_TRACE(points);
+    const CageAround cage = cage_around(ball, {.points = points});
+    expect_cage(cage, ball, points);
+    ASSERT_EQ(cage.planes.size() + cage.without.size(), 3u);
+    for (const CagePlane& plane : cage.planes) expect_own_image(cage.mesh, plane);
+    for (std::size_t k = 0; k < 3; ++k) {
+      const CagePlane& plane = k < cage.planes.size() ? cage.planes[k] : cage.without[k - cage.planes.size()];
+      EXPECT_EQ(plane.normal[k], 1);
+    }
+    fewer = fewer || !cage.without.empty();
+    all = all || cage.without.empty();
+  }
+  EXPECT_TRUE(fewer);
+  EXPECT_TRUE(all);
+}
+
 TEST(CageAround, OfAModelThatIsNotSymmetricIsAsItWas) {
   Mesh car = ahmed_body({.target_points = 2000});
   const double diagonal = bounding_box(car.points).diagonal();

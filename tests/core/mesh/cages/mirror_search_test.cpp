@@ -190,6 +190,18 @@ TEST(SurfaceMirrors, OfWhatHasNone) {
   test::expect_error(ErrorCode::cancelled, {}, [&] { (void)surface_mirrors(car, 1e-3, context); });
 }
 
+// Which side comes first is not decided by rounding.
+TEST(MirrorFrame, IsOnTheSideOfTheNormalIfTheModelIsOnBoth) {
+  const std::vector<CagePlane> plane{{{}, {1, 0, 0}}};
+  Mesh mesh;
+  for (const double less : {-1e-15, 0.0, 1e-15, 1e-4}) {
+    mesh.points = {{1 - less, 0, 0}, {-1, 0, 0}};
+    EXPECT_EQ(MirrorFrame(plane, mesh).coordinates({0.5, 0, 0})[0], 0.5) << less;
+  }
+  mesh.points = {{0.9, 0, 0}, {-1, 0, 0}};
+  EXPECT_EQ(MirrorFrame(plane, mesh).coordinates({0.5, 0, 0})[0], -0.5);
+}
+
 TEST(CagePlane, IsTold) {
   EXPECT_EQ(plane_text({{5, 0, 7}, {0, -2, 0}}), "y = 0");
   EXPECT_EQ(plane_text({{0.25, 0, 7}, {1, 0, 0}}), "x = 0.25");
