@@ -106,6 +106,21 @@ TEST(SurfaceMirrors, OfACarInAnyPositionAndUnit) {
   }
 }
 
+// Noise draws the best plane a little away, but not by enough to leave the axis.
+TEST(SurfaceMirrors, AreAcrossAxesIfThatIsAlmostAsGood) {
+  std::mt19937_64 random(7);
+  for (int i = 0; i < 3; ++i) {
+    Mesh car = ahmed_body({.target_points = 2000});
+    std::uniform_real_distribution<double> noise(-1e-4, 1e-4);
+    for (Vec3& x : car.points) x = x + Vec3{noise(random), noise(random), noise(random)};
+    const SurfaceMirrors found = mirrors_of(triangles_of(car), 1e-3);
+    ASSERT_EQ(found.planes.size(), 1u);
+    EXPECT_EQ(found.planes[0].normal, (Vec3{0, 1, 0}));
+    EXPECT_EQ(found.planes[0].point, (Vec3{0, 0, 0}));
+    EXPECT_GT(found.deviation, 1e-4);
+  }
+}
+
 // All vertices lie where no other has its image; only the surface is symmetric.
 TEST(SurfaceMirrors, AreThoseOfTheSurfaceNotOfItsVertices) {
   const Vec3 sides{2, 1.3, 0.7};
