@@ -248,8 +248,8 @@ std::vector<TriangleCorners> with_images(std::vector<TriangleCorners> triangles,
   return triangles;
 }
 
-/// What is to be wrapped: of a half model the whole one, of which what is behind the planes is left out. From in front of them
-/// its mirror image is nearer.
+/// What is to be wrapped: of a half model the whole one, of which a wrap needs nothing behind the planes, as from in front of
+/// them its mirror image is nearer. The triangles of a hull are not images of each other.
 std::vector<TriangleCorners> wrapped(const Mesh& mesh, CageKind kind, std::size_t planes) {
   std::vector<TriangleCorners> triangles = with_images(triangles_of(mesh), planes);
   if (kind == CageKind::hull) {
@@ -258,7 +258,7 @@ std::vector<TriangleCorners> wrapped(const Mesh& mesh, CageKind kind, std::size_
       corners.clear();
       for (const TriangleCorners& t : triangles) corners.insert(corners.end(), t.begin(), t.end());
     }
-    triangles = triangles_of(convex_hull(corners));
+    return triangles_of(convex_hull(corners));
   }
   std::erase_if(triangles, [&](const TriangleCorners& t) {
     bool behind = false;
