@@ -12,10 +12,10 @@
 
 namespace deform {
 
-/// Planes in which a body may be its own mirror image: across the coordinate axes, through the origin, the middle of the box and
-/// the centroid, and across the principal axes, through the centroid. Unit normals. Where two principal moments are nearly the
-/// same, axes in between, too. With `triangles` of an area over 0 the centroid and the axes are those of the area, without those
-/// of their corners.
+/// Planes in which a body may be its own mirror image, with unit normals: across the coordinate axes, through the origin, the
+/// middle of its box and its centroid, and across its principal axes, through the centroid; where two principal moments are
+/// nearly the same, across axes in between, too. Centroid and moments are those of the area or, where there is none, of the
+/// corners.
 std::vector<CagePlane> mirror_candidates(std::span<const TriangleCorners> triangles);
 
 /// In which planes a surface is its own mirror image.
