@@ -32,7 +32,8 @@ void take_mesh(const Mesh& mesh, const std::string& name, v1::CageMethod& cage) 
   cage.mutable_triangles()->Add(mesh.face_points.begin(), mesh.face_points.end());
 }
 
-CageRequest cage_request(const v1::CageMethod::Generate& message) {
+CageRequest cage_request(const v1::CageMethod& cage) {
+  const v1::CageMethod::Generate& message = cage.generate();
   CageRequest request;
   switch (message.kind()) {
     case v1::BOX:
@@ -46,6 +47,16 @@ CageRequest cage_request(const v1::CageMethod::Generate& message) {
   }
   if (message.points() != 0) request.points = message.points();
   request.offset = message.offset();
+  if (message.has_symmetry_tolerance()) {
+    request.symmetry_tolerance = message.symmetry_tolerance();
+    if (request.kind == CageKind::box && request.symmetry_tolerance != 0) {
+      refuse(
+          "symmetry_tolerance: goes with kind WRAP and HULL; a BOX, whose rectangles are all divided alike, is no mirror image");
+    }
+  } else if (cage.control() != v1::MESH) {
+    // Handles select vertices by numbers, which another cage would give to others.
+    request.symmetry_tolerance = 0;
+  }
   return request;
 }
 
@@ -65,9 +76,10 @@ void end_in_planes(const std::vector<std::optional<MirrorPlane>>& planes, const 
   }
 }
 
-/// The cage around a mesh, and around its images in the planes of the setup, but for a box whose vertices handles hold.
+/// The cage around a mesh, and around its images in the planes of the setup, but for a box whose vertices handles hold. Wraps and
+/// hulls are their own mirror images, also if the mesh is.
 Mesh generated(const Mesh& mesh, const v1::Setup& setup, const v1::CageMethod& cage) {
-  CageRequest request = cage_request(cage.generate());
+  CageRequest request = cage_request(cage);
   const auto planes = mirror_planes(setup, mesh);
   for (std::size_t i = 0; i < planes.size(); ++i) {
     if (planes[i]) continue;
@@ -75,13 +87,21 @@ Mesh generated(const Mesh& mesh, const v1::Setup& setup, const v1::CageMethod& c
            "] is a region that is not perpendicular to an axis; give the plane by `point` and `normal`");
   }
   if (planes.empty()) return cage_around(mesh, request).mesh;
-  if (cage.control() == v1::MESH) return cage_around(whole_model(mesh, planes), request).mesh;
-  if (request.kind == CageKind::box) {
+  const bool held = cage.control() != v1::MESH;  // its vertices are, by handles
+  if (request.kind == CageKind::box && held) {
     end_in_planes(planes, mesh, request);
-  } else {
-    for (const auto& plane : planes) request.planes.push_back({plane->point, plane->normal});
+    return cage_around(mesh, request).mesh;
   }
-  return cage_around(mesh, request).mesh;
+  if (request.kind != CageKind::box) {
+    for (const auto& plane : planes) request.planes.push_back({plane->point, plane->normal});
+    try {
+      return cage_around(mesh, request).mesh;
+    } catch (const Error& error) {
+      if (held || error.code() != ErrorCode::failed_precondition) throw;
+    }
+    request.planes.clear();  // one that is no mirror image does as well
+  }
+  return cage_around(whole_model(mesh, planes), request).mesh;
 }
 
 }  // namespace

@@ -256,6 +256,41 @@ class Flow(EndToEnd):
             self.fails(1, *arguments, says=["would replace", file])
         self.assertEqual([content(name) for name in names], before)
 
+    def test_symmetric_cars_have_symmetric_cages(self):
+        made = self.deform("cage", "mesh", "ahmed.obj", "--points", 150, "-o", "cage.obj")
+        self.assertIn("  symmetric to y = 0, as the mesh is, but for 0 (0 D)\n", made.out)
+        self.assertNotIn("warning", made.err)
+        told = self.deform("cage", "mesh", "ahmed.obj", "--points", 150, "-o", "cage.obj", "--json").json
+        self.assertEqual(told["symmetry"], [{"point": [0, 0, 0], "normal": [0, 1, 0]}])
+        vertices, _ = read_obj(self.path("cage.obj"))
+        for x, y, z in vertices:  # every one has an image
+            self.assertLess(min(distance((x, -y, z), other) for other in vertices), 1e-12)
+        without = self.deform("cage", "mesh", "ahmed.obj", "--points", 150, "-o", "other.obj", "--symmetry-tolerance", 0)
+        self.assertNotIn("symmetric", without.out)
+        self.write("cage.yaml", AHMED_SETUP.replace("{rbf: {kernel: TRIHARMONIC}}", "{cage: {file: cage.obj, control: MESH}}"))
+        self.assertIn("its own mirror image in y = 0.", self.deform("prepare", "cage.yaml", "--check").out)
+        # A bump of 4 mm, over a thousandth of the diagonal, on one side.
+        with open(self.path("ahmed.obj"), encoding="ascii") as file:
+            lines = file.read().splitlines()
+        for i, line in enumerate(lines):
+            if line.startswith("v "):
+                x, y, z = map(float, line.split()[1:4])
+                if y > 0:
+                    lines[i] = f"v {x} {y + 0.004 * math.exp(-((x - 0.5) ** 2 + (z - 0.2) ** 2) / 0.01)} {z}"
+        self.write("bump.obj", "\n".join(lines) + "\n")
+        bump = self.deform("cage", "mesh", "bump.obj", "--points", 150, "-o", "bumped.obj").out
+        self.assertIn("  not symmetric, as the mesh is only nearly symmetric to ", bump)
+        tolerance = bump.split("--symmetry-tolerance ")[1].split()[0]
+        wanted = self.deform("cage", "mesh", "bump.obj", "--points", 150, "-o", "bumped.obj", "--symmetry-tolerance", tolerance).out
+        self.assertIn("\n  symmetric to ", wanted)
+
+    def test_a_cage_far_away_is_warned_of(self):
+        far = self.deform("cage", "mesh", "ahmed.obj", "--kind", "box", "--points", 98, "--offset", 500, "-o", "far.obj")
+        self.assertIn("--offset 500: the cage is ", far.err)
+        self.assertIn("model units", far.err)
+        near = self.deform("cage", "mesh", "ahmed.obj", "--kind", "box", "--points", 98, "--offset", 0.5, "-o", "near.obj")
+        self.assertNotIn("--offset", near.err)
+
     def test_a_page_that_is_no_page_and_a_cage_that_is_none(self):
         self.fails(1, "compare", "setup.yaml", "--set", "roof_up=0.01", "-o", "z.pdf", says=["z.pdf", ".html"])
         refused = self.fails(1, "compare", "setup.yaml", "--methods", "cage", "--set", "roof_up=0.01", "--json", says=["no method"], prints=True)

@@ -55,7 +55,7 @@ FLOORS = {
                                                                    "core/deformers/energy/spaces"],
     "core/deformers/ffd": DEFORMERS_GROUND + DEFORMERS_TERMS + ["core/deformers/handles", "core/deformers/energy",
                                                                 "core/deformers/energy/spaces"],
-    "core/deformers/cage": DEFORMERS_GROUND + DEFORMERS_TERMS + ["core/deformers/handles", "core/deformers/ffd", "core/mesh/remeshing"],
+    "core/deformers/cage": DEFORMERS_GROUND + DEFORMERS_TERMS + ["core/deformers/handles", "core/deformers/ffd", "core/mesh/remeshing", "core/mesh/cages"],
     "core/deformers/composed": DEFORMERS_GROUND + DEFORMERS_TERMS + ["core/deformers/handles"],
     "core/deformers": DEFORMERS_GROUND + DEFORMERS_TERMS + ["core/deformers/handles", "core/deformers/rbf", "core/deformers/constrained",
                                                             "core/deformers/energy", "core/deformers/ffd", "core/deformers/cage",

@@ -26,6 +26,10 @@ struct CageMeshCommand {
   CageRequest request;
 };
 
+constexpr double far_offset = 1;  // of the diagonal
+
+nlohmann::ordered_json json_of(const CagePlane& plane) { return {{"point", plane.point}, {"normal", plane.normal}}; }
+
 /// Numbers of vertices are what setups select by: a file that merges corners or has no such numbers would change them.
 void check_cage_output(const std::filesystem::path& path) {
   const std::filesystem::path name = path.extension() == ".gz" ? path.stem() : path;
@@ -49,6 +53,12 @@ ExitCode run_cage_mesh(const CageMeshCommand& options, const CommonOptions& comm
          " vertices here, the nearest number that is possible");
   }
   const double diagonal = bounding_box(mesh->points).diagonal();
+  if (cage.offset > far_offset * diagonal) {
+    warn("--offset " + number_text(request.offset) + ": the cage is " + number_text(cage.offset / diagonal) +
+         " diagonals away from the mesh, from where its vertices move everything alike; offsets are in model units, of which the "
+         "diagonal of the mesh is " +
+         number_text(diagonal));
+  }
   if (common.style() == Style::json) {
     nlohmann::ordered_json json;
     json["file"] = options.output;
@@ -64,6 +74,15 @@ ExitCode run_cage_mesh(const CageMeshCommand& options, const CommonOptions& comm
     json["diagonal"] = diagonal;
     json["least_angle"] = cage.least_angle;
     json["outside"] = 0;
+    json["symmetry"] = nlohmann::json::array();
+    for (const CagePlane& plane : cage.planes) json["symmetry"].push_back(json_of(plane));
+    if (!cage.planes.empty()) json["asymmetry"] = cage.asymmetry;
+    if (!cage.without.empty()) json["not_symmetric"] = nlohmann::json::array();
+    for (const CagePlane& plane : cage.without) json["not_symmetric"].push_back(json_of(plane));
+    if (cage.nearly_symmetric) {
+      json["nearly_symmetric"] = json_of(cage.nearly_symmetric->plane);
+      json["nearly_symmetric"]["asymmetry"] = cage.nearly_symmetric->deviation;
+    }
     print(json);
     return exit_ok;
   }
@@ -74,7 +93,25 @@ ExitCode run_cage_mesh(const CageMeshCommand& options, const CommonOptions& comm
   if (cage.attempts > 1) std::cout << " after " << cage.attempts << " attempts";
   std::cout << ", nearest point of the mesh at " << number_text(cage.clearance) << '\n'
             << "  least angle " << number_text(cage.least_angle) << " degrees\n"
-            << "  points of the mesh outside: 0 of " << mesh->point_count() << std::endl;
+            << "  points of the mesh outside: 0 of " << mesh->point_count() << '\n';
+  if (!cage.without.empty()) {
+    std::cout << "  not symmetric to " << planes_text(cage.without)
+              << ", as the mesh is: no such cage of so few points was found; ask for more\n";
+  }
+  if (!cage.planes.empty()) {
+    std::cout << "  symmetric to " << planes_text(cage.planes) << ", as the mesh is, but for " << number_text(cage.asymmetry)
+              << " (" << number_text(cage.asymmetry / diagonal) << " D)\n";
+  } else if (cage.nearly_symmetric) {
+    const SurfaceMirrors::Near& near = *cage.nearly_symmetric;
+    std::cout << "  not symmetric, as the mesh is only nearly symmetric to " << plane_text(near.plane) << ": up to "
+              << number_text(near.deviation) << " (" << number_text(near.deviation / diagonal) << " D) off, at "
+              << place_text(near.at);
+    if (const double enough = 1.01 * near.deviation / diagonal; enough < CageRequest::most_symmetry_tolerance) {
+      std::cout << "; --symmetry-tolerance " << number_text(enough) << " makes a symmetric one";
+    }
+    std::cout << '\n';
+  }
+  std::cout << std::flush;
   return exit_ok;
 }
 
@@ -106,6 +143,13 @@ void add_cage_command(CLI::App& app, const CommonOptions& common, Action& chosen
       ->capture_default_str();
   command->add_option("--offset", options->request.offset, "Distance from the mesh to begin with, model units; 0: automatic")
       ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+  command
+      ->add_option(
+          "--symmetry-tolerance", options->request.symmetry_tolerance,
+          "hull, wrap: a mesh that is this close to its own mirror image, as a fraction of its diagonal, gets a cage that is "
+          "its own; 0: none does")
+      ->check(CLI::Range(0.0, CageRequest::most_symmetry_tolerance))
       ->capture_default_str();
   command->footer(cage_mesh_footer);
   command->callback([options, &common, &chosen] { chosen = [options, &common] { return run_cage_mesh(*options, common); }; });

@@ -12,16 +12,31 @@
 #include "core/base/parallel.h"
 #include "core/base/vectors.h"
 #include "core/deformers/option_checks.h"
+#include "core/mesh/cages/mirror_search.h"
 
 namespace deform {
 
 namespace {
 
 constexpr double image_tolerance = 1e-9;     // of the diagonal: distance of vertices from the images of others, and from planes
+constexpr double beside_face = 1e-5;         // of the diagonal: distance of points from the face of a cage in a plane
 constexpr double most_through_plane = 1e-6;  // sum of coordinates of vertices beyond the plane at a point in it
 constexpr std::size_t cut_points_per_task = 64;
 
 std::string plane_name(std::size_t k) { return "symmetry[" + std::to_string(k) + "]"; }
+
+/// Points of the mesh in a plane in which a cage ends, outside of its face there.
+struct CutPoints {
+  std::size_t count = 0;
+  PointId first = 0;
+
+  void refuse_any(std::size_t plane) const {
+    if (count == 0) return;
+    refuse_argument("method.cage: the cage ends in " + plane_name(plane) + ", but " + std::to_string(count) +
+                    " points of the mesh in that plane are not in the face of the cage there, the first is " +
+                    std::to_string(first) + "; make that face larger, or the cage its own mirror image");
+  }
+};
 
 /// Places on the side of a cage that ends in planes.
 class CageSides {
@@ -155,6 +170,24 @@ CageImages cage_images(const Cage& cage, const std::function<Vec3(const Vec3&)>&
   return result;
 }
 
+std::vector<CagePlane> own_planes(const Cage& cage) {
+  std::vector<TriangleCorners> triangles;
+  for (const auto& [a, b, c] : cage.triangles()) {
+    triangles.push_back({cage.vertices()[a], cage.vertices()[b], cage.vertices()[c]});
+  }
+  const double tolerance = image_tolerance * cage.diagonal();
+  std::vector<CagePlane> planes;
+  for (const CagePlane& plane : mirror_candidates(triangles)) {
+    const bool known = std::any_of(planes.begin(), planes.end(), [&](const CagePlane& other) {
+      return std::abs(dot(plane.normal, other.normal)) > 1 - image_tolerance;
+    });
+    if (known) continue;
+    const auto reflect = [&](const Vec3& x) { return reflected(plane, x); };
+    if (!cage_images(cage, reflect, tolerance).image.empty()) planes.push_back(plane);
+  }
+  return planes;
+}
+
 CagePlanes cage_planes(const Cage& cage, const Symmetry& symmetry) {
   CagePlanes result;
   if (symmetry.is_sector()) {
@@ -216,6 +249,28 @@ CageControls cage_controls(const CageOptions& options, const std::shared_ptr<con
   return controls;
 }
 
+void check_faces(const Cage& cage, const ControlMatches& matches, const Mesh& places, const Symmetry& symmetry) {
+  for (std::size_t k = 0; k < matches.images.size(); ++k) {
+    const std::vector<std::uint32_t>& image = matches.images[k];
+    if (std::find(image.begin(), image.end(), ControlMatches::no_control) == image.end()) continue;  // it is its own image
+    std::vector<TriangleCorners> faces;
+    for (const Cage::Triangle& t : cage.triangles()) {
+      const bool lies = std::all_of(t.begin(), t.end(), [&](std::uint32_t v) { return image[v] != ControlMatches::no_control; });
+      if (lies) faces.push_back({cage.vertices()[t[0]], cage.vertices()[t[1]], cage.vertices()[t[2]]});
+    }
+    const double tolerance = beside_face * cage.diagonal() + 2 * symmetry.reach(k);
+    const ClosestPoint closest(std::move(faces));
+    CutPoints outside;
+    for (PointId p = static_cast<PointId>(places.point_count()); p-- > 0;) {
+      if ((symmetry.on(p) >> k & 1u) == 0) continue;
+      if (!closest.empty() && distance(closest(places.points[p]), places.points[p]) <= tolerance) continue;
+      ++outside.count;
+      outside.first = p;
+    }
+    outside.refuse_any(k);
+  }
+}
+
 void check_cut(const ControlModel& model, const Mesh& mesh, const Symmetry& symmetry, const RunContext& context) {
   for (std::size_t k = 0; k < model.matches.images.size(); ++k) {
     const std::vector<std::uint32_t>& image = model.matches.images[k];
@@ -234,12 +289,13 @@ void check_cut(const ControlModel& model, const Mesh& mesh, const Symmetry& symm
         led_away[i] = through > most_through_plane ? 1 : 0;
       }
     });
-    const auto count = std::count(led_away.begin(), led_away.end(), 1);
-    if (count == 0) continue;
-    const PointId first = in_plane[static_cast<std::size_t>(std::find(led_away.begin(), led_away.end(), 1) - led_away.begin())];
-    refuse_argument("method.cage: the cage ends in " + plane_name(k) + ", but " + std::to_string(count) +
-                    " points of the mesh in that plane are not in the face of the cage there, the first is " +
-                    std::to_string(first) + "; make that face larger, or the cage its own mirror image");
+    CutPoints outside;
+    for (std::size_t i = in_plane.size(); i-- > 0;) {
+      if (led_away[i] == 0) continue;
+      ++outside.count;
+      outside.first = in_plane[i];
+    }
+    outside.refuse_any(k);
   }
 }
 

@@ -13,6 +13,7 @@
 #include "core/deformers/handles/control_system.h"
 #include "core/deformers/handles/symmetry.h"
 #include "core/deformers/setup.h"
+#include "core/mesh/cages/mirror_frame.h"
 #include "core/mesh/mesh.h"
 #include "core/numerics/cage/cage.h"
 
@@ -52,6 +53,14 @@ CageControls cage_controls(const CageOptions& options, const std::shared_ptr<con
 /// with their number and the first one: other vertices would move them out of the plane. Takes the time of the coordinates of the
 /// points in such planes.
 void check_cut(const ControlModel& model, const Mesh& mesh, const Symmetry& symmetry, const RunContext& context);
+
+/// In which planes a cage is its own mirror image, vertex by vertex and triangle by triangle to 1e-9 of its diagonal: across
+/// coordinate axes or its principal axes.
+std::vector<CagePlane> own_planes(const Cage& cage);
+
+/// The same in no time, before anything is prepared: whether they are near triangles of the cage in the plane. `places` is that
+/// of CageControls.
+void check_faces(const Cage& cage, const ControlMatches& matches, const Mesh& places, const Symmetry& symmetry);
 
 /// For each vertex of a cage its image among them, in a plane or another sector; `no_image` has the reason if there is none:
 /// "vertex 5 has no image". `reflect` maps a place to its image. Distances up to `tolerance` do not count.

@@ -14,6 +14,7 @@
 #include "core/deformers/ffd/direct_system.h"
 #include "core/deformers/handles/control_system.h"
 #include "core/deformers/handles/handle_basis.h"
+#include "core/deformers/mirrored_mesh.h"
 #include "core/deformers/option_checks.h"
 #include "core/mesh/winding_number.h"
 
@@ -37,11 +38,16 @@ std::shared_ptr<const Mesh> borrowed(const Mesh& mesh) { return {std::shared_ptr
 Estimate estimate_controls(const CageOptions& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions) {
   const auto [model, places] = cage_controls(options, borrowed(mesh), regions.symmetry);
   check_images(model.matches, setup, regions);
+  const Cage cage = cage_of(options);
+  check_faces(cage, model.matches, *places, regions.symmetry);
   Estimate estimate = deform::estimate_controls(mesh, model, basis_options(options), regions);
-  add_place_notes(cage_of(options), *places, estimate.notes);
+  add_outside_note(cage, *places, OutsidePoints::few, 0, {}, estimate.notes);
   estimate.advice = "use fewer handles or basis BASIS_NEVER";
   return estimate;
 }
+
+/// Of a half model that is deformed with its images, the points that are not images; else 0.
+std::size_t model_points(const Setup& setup) { return setup.images ? setup.images->points() : 0; }
 
 Estimate estimate_mesh(const CageOptions& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions) {
   const Cage cage = cage_of(options);
@@ -56,7 +62,7 @@ Estimate estimate_mesh(const CageOptions& options, const Mesh& mesh, const Setup
                           seconds_per_row(cage)};
   Estimate estimate = estimate_direct(mesh, regions, of);
   estimate.notes.insert(estimate.notes.begin(), size_note(cage));
-  add_place_notes(cage, mesh, estimate.notes);
+  add_outside_note(cage, mesh, OutsidePoints::few, model_points(setup), {}, estimate.notes);
   estimate.advice = "use a coarser cage, smaller handle and fixed regions, fewer handles or basis BASIS_NEVER";
   return estimate;
 }
@@ -82,10 +88,22 @@ void check_cage_box(const std::vector<Vec3>& vertices, const Mesh& mesh) {
   }
 }
 
+/// The same for points in its box, of which only some are looked at where there are many.
+void check_inside(const Cage& cage, const Mesh& mesh) {
+  const OutsidePoints outside = points_outside(cage, mesh, OutsidePoints::few, {});
+  if (outside.count == 0) return;
+  refuse_argument("method.cage.coordinates: GREEN exist only inside of the cage, but " + points_text(outside.ids, outside.count) +
+                  " of " + std::to_string(outside.looked_at) +
+                  (outside.looked_at < mesh.point_count() ? " that were looked at" : "") +
+                  (outside.count == 1 ? " lies" : " lie") +
+                  " outside; use a cage around all points, which `deform cage mesh` makes, or coordinates MEAN_VALUE");
+}
+
 Estimate estimate_green(const CageOptions& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions) {
   const WholeCage whole = whole_cage(options, regions.symmetry);
   check_images(whole.matches, setup, regions);
   check_cage_box(whole.cage.vertices(), mesh);
+  check_inside(whole.cage, mesh);
   const ControlSources sources(whole.matches, whole.controls, regions);
   const GreenColumns columns(whole, sources, regions.symmetry);
   const std::size_t n = mesh.point_count();
@@ -103,7 +121,9 @@ Estimate estimate_green(const CageOptions& options, const Mesh& mesh, const Setu
   estimate.notes = whole.notes;
   if (!stored) estimate.notes.push_back("No coordinates will be stored: every design computes those of all points again.");
   for (std::string& note : whole.idle_notes(setup, regions)) estimate.notes.push_back(std::move(note));
-  add_place_notes(whole.cage, mesh, estimate.notes);
+  if (const auto units = units_note("cage", whole.cage.diagonal(), bounding_box(mesh.points).diagonal())) {
+    estimate.notes.push_back(*units);
+  }
   estimate.advice = stored ? "use fewer handle vertices or basis BASIS_NEVER" : "use a coarser cage";
   return estimate;
 }
@@ -139,7 +159,7 @@ std::shared_ptr<const System> prepare_mesh(const CageOptions& options, const std
                       options.basis,
                       options.basis_tolerance,
                       "a larger method.cage.clamp or a coarser cage"};
-    add_outside_note(rows->cage(), *mesh, context, model.notes);
+    add_outside_note(rows->cage(), *mesh, 0, model_points(setup), context, model.notes);
     return model;
   };
   return std::make_shared<const DirectSystem>(mesh, setup, make, context, memory_budget);
@@ -185,7 +205,7 @@ std::shared_ptr<const System> CageMethod::prepare(const CageOptions& options, co
   }
   auto [model, places] = cage_controls(options, mesh, symmetry);
   check_cut(model, *mesh, symmetry, context);
-  add_outside_note(cage_of(options), *places, context, model.notes);
+  add_outside_note(cage_of(options), *places, 0, 0, context, model.notes);
   return std::make_shared<const ControlSystem>(mesh, setup, std::move(model), basis_options(options), context);
 }
 

@@ -2,7 +2,6 @@
 #include "core/deformers/cage/cage_model.h"
 
 #include <algorithm>
-#include <atomic>
 #include <cstdio>
 #include <string>
 #include <utility>
@@ -10,6 +9,7 @@
 #include "core/base/error.h"
 #include "core/base/parallel.h"
 #include "core/base/vectors.h"
+#include "core/deformers/cage/cage_images.h"
 #include "core/deformers/option_checks.h"
 #include "core/mesh/remeshing/closest_point.h"
 #include "core/mesh/winding_number.h"
@@ -19,6 +19,7 @@ namespace deform {
 namespace {
 
 constexpr std::size_t cage_points_per_task = 1024, cage_rows_per_task = 16;
+constexpr std::size_t listed_points = 10;
 constexpr double on_cage = 1e-9;        // of its diagonal: distance of points on the cage, whose winding numbers are any
 constexpr double least_winding = 0.02;  // on an edge or vertex of the cage it is the solid angle there over 4 pi
 constexpr double seconds_per_triangle = 1.2e-7;
@@ -82,27 +83,27 @@ std::size_t CageRows::bytes_for(const Cage& cage, std::size_t kept) {
 std::string size_note(const Cage& cage) {
   char diagonal[32];
   std::snprintf(diagonal, sizeof diagonal, "%.4g", cage.diagonal());
+  const std::vector<CagePlane> planes = own_planes(cage);
   return "A cage of " + std::to_string(cage.size()) + " vertices and " + std::to_string(cage.triangles().size()) +
-         " triangles, of diagonal " + diagonal + ".";
+         " triangles, of diagonal " + diagonal + (planes.empty() ? "" : ", its own mirror image in " + planes_text(planes)) + ".";
 }
 
-void add_place_notes(const Cage& cage, const Mesh& mesh, std::vector<std::string>& notes) {
+void add_outside_note(const Cage& cage, const Mesh& mesh, std::size_t most, std::size_t model, const RunContext& context,
+                      std::vector<std::string>& notes) {
   const auto units = units_note("cage", cage.diagonal(), bounding_box(mesh.points).diagonal());
+  const OutsidePoints outside = points_outside(cage, mesh, most, context);
   if (units) notes.push_back(*units);
-  const Box of_mesh = bounding_box(mesh.points), of_cage = bounding_box(cage.vertices());
-  bool apart = false;
-  for (std::size_t k = 0; k < 3; ++k) apart = apart || of_mesh.max[k] < of_cage.min[k] || of_cage.max[k] < of_mesh.min[k];
-  if (apart) notes.push_back(beside_note(units.has_value()));
-}
-
-void add_outside_note(const Cage& cage, const Mesh& mesh, const RunContext& context, std::vector<std::string>& notes) {
-  const auto units = units_note("cage", cage.diagonal(), bounding_box(mesh.points).diagonal());
-  const std::size_t outside = points_outside(cage, mesh, context);
-  if (units) notes.push_back(*units);
-  if (outside == 0) return;
-  if (outside == mesh.point_count()) return notes.push_back(beside_note(units.has_value()));
-  notes.push_back(std::to_string(outside) +
-                  " points lie outside of the cage: they follow as well, the less smoothly the nearer they are to it.");
+  if (outside.count == 0) return;
+  if (outside.count == outside.looked_at) return notes.push_back(beside_note(units.has_value()));
+  std::string note = std::to_string(outside.count) + " points";
+  if (outside.looked_at < mesh.point_count()) note += " of " + std::to_string(outside.looked_at) + " that were looked at";
+  if (model > 0) {
+    notes.push_back(note + " lie outside of the cage, the first is " + std::to_string(outside.ids[0]) +
+                    ": with control MESH a cage must surround the model, with the ids below " + std::to_string(model) +
+                    ", and its images, with the others; `generate` makes one.");
+    return;
+  }
+  notes.push_back(note + " lie outside of the cage: they follow as well, the less smoothly the nearer they are to it.");
 }
 
 double seconds_per_row(const Cage& cage) { return seconds_per_triangle * static_cast<double>(cage.triangles().size()); }
@@ -131,7 +132,16 @@ ControlModel cage_model(const CageOptions& options, const std::shared_ptr<const 
   return model;
 }
 
-std::size_t points_outside(const Cage& cage, const Mesh& mesh, const RunContext& context) {
+std::string points_text(std::span<const PointId> ids, std::size_t count) {
+  std::string text = count == 1 ? "point " : "points ";
+  const std::size_t shown = std::min(ids.size(), listed_points);
+  for (std::size_t i = 0; i < shown; ++i) {
+    text += (i == 0 ? "" : i + 1 == count ? " and " : ", ") + std::to_string(ids[i]);
+  }
+  return count > shown ? text + " and " + std::to_string(count - shown) + " more" : text;
+}
+
+OutsidePoints points_outside(const Cage& cage, const Mesh& mesh, std::size_t most, const RunContext& context) {
   Mesh surface;
   surface.points = cage.vertices();
   for (const Cage::Triangle& triangle : cage.triangles()) {
@@ -142,16 +152,26 @@ std::size_t points_outside(const Cage& cage, const Mesh& mesh, const RunContext&
   std::vector<TriangleCorners> triangles;
   for (const auto& [a, b, c] : cage.triangles()) triangles.push_back({surface.points[a], surface.points[b], surface.points[c]});
   const ClosestPoint closest(std::move(triangles));
-  std::atomic<std::size_t> outside = 0;
-  parallel_for(context, mesh.point_count(), cage_points_per_task, [&](std::size_t begin, std::size_t end) {
-    std::size_t count = 0;
+  const std::size_t points = mesh.point_count(), step = most == 0 ? 1 : (points + most - 1) / most;
+  OutsidePoints result;
+  result.looked_at = points == 0 ? 0 : (points - 1) / step + 1;
+  std::vector<OutsidePoints> parts(result.looked_at / cage_points_per_task + 1);
+  parallel_for(context, result.looked_at, cage_points_per_task, [&](std::size_t begin, std::size_t end) {
+    OutsidePoints& part = parts[begin / cage_points_per_task];
     for (std::size_t i = begin; i < end; ++i) {
-      const Vec3& x = mesh.points[i];
-      count += winding.at(x) < least_winding && distance(closest(x), x) > on_cage * cage.diagonal() ? 1 : 0;
+      const Vec3& x = mesh.points[i * step];
+      if (winding.at(x) >= least_winding || distance(closest(x), x) <= on_cage * cage.diagonal()) continue;
+      ++part.count;
+      part.ids.push_back(static_cast<PointId>(i * step));
     }
-    outside += count;
   });
-  return outside;
+  for (const OutsidePoints& part : parts) {
+    result.count += part.count;
+    for (const PointId id : part.ids) {
+      if (result.ids.size() < listed_points) result.ids.push_back(id);
+    }
+  }
+  return result;
 }
 
 }  // namespace deform

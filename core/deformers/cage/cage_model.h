@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -58,16 +59,29 @@ class CageRows : public ControlFunctions, public SpaceFunctions {
   std::vector<double> values_;  ///< kept points x vertices
 };
 
-/// "A cage of 8 vertices and 12 triangles, of diagonal 2.5."
+/// "A cage of 8 vertices and 12 triangles, of diagonal 2.5, its own mirror image in y = 0." Of cages that are none it says
+/// nothing.
 std::string size_note(const Cage& cage);
-/// Adds notes where sizes suggest other units than the mesh has, or boxes that the cage is beside it: what costs next to nothing.
-void add_place_notes(const Cage& cage, const Mesh& mesh, std::vector<std::string>& notes);
-/// Adds a note on the points outside the cage, if there are any, and one if its size suggests other units than the mesh has.
-void add_outside_note(const Cage& cage, const Mesh& mesh, const RunContext& context, std::vector<std::string>& notes);
+/// "point 3", "points 3, 7, 8 and 12 more": the first ten, ascending, of `count`.
+std::string points_text(std::span<const PointId> ids, std::size_t count);
+
+/// How many points of a mesh are outside of a cage, where its winding number is 0.
+struct OutsidePoints {
+  std::size_t count = 0;
+  std::size_t looked_at = 0;
+  std::vector<PointId> ids;  ///< the first ten of them, ascending
+  /// What estimates look at, in hundredths of a second.
+  static constexpr std::size_t few = 20000;
+};
+/// At most `most` points are looked at, evenly distributed over their ids; 0: all of them.
+OutsidePoints points_outside(const Cage& cage, const Mesh& mesh, std::size_t most, const RunContext& context);
+
+/// Adds a note where sizes suggest other units than the mesh has, and one on the points outside the cage, if there are any, or if
+/// it is beside the mesh. `most` is that of points_outside(). `model`: the mesh is a model of so many points with its mirror
+/// images; 0: there are none.
+void add_outside_note(const Cage& cage, const Mesh& mesh, std::size_t most, std::size_t model, const RunContext& context,
+                      std::vector<std::string>& notes);
 /// The approximate time to compute the coordinates of a point, in seconds.
 double seconds_per_row(const Cage& cage);
-
-/// The number of points of the mesh outside the cage, where its winding number is 0.
-std::size_t points_outside(const Cage& cage, const Mesh& mesh, const RunContext& context);
 
 }  // namespace deform

@@ -20,7 +20,6 @@ namespace deform {
 namespace {
 
 constexpr std::size_t green_tiles_per_task = 16, green_tiles_per_sum = 64;
-constexpr std::size_t listed_points = 10;
 /// The error of the coordinates over the machine precision, where the diagonal over the least altitude of a triangle is at most
 /// usual_ratio; with it they grow.
 constexpr double green_roundings = 10, usual_ratio = 10;
@@ -29,16 +28,6 @@ std::shared_ptr<const Mesh> vertices_of(const CageOptions& options) {
   auto controls = std::make_shared<Mesh>();
   controls->points = options.vertices;
   return controls;
-}
-
-/// "points 3, 7, 8 and 12 more"
-std::string points_text(const std::vector<PointId>& ids) {
-  std::string text = ids.size() == 1 ? "point " : "points ";
-  const std::size_t shown = std::min(ids.size(), listed_points);
-  for (std::size_t i = 0; i < shown; ++i) {
-    text += (i == 0 ? "" : i + 1 == ids.size() ? " and " : ", ") + std::to_string(ids[i]);
-  }
-  return ids.size() > shown ? text + " and " + std::to_string(ids.size() - shown) + " more" : text;
 }
 
 }  // namespace
@@ -57,11 +46,11 @@ struct GreenSystem::Rejected {
     const std::string field = "method.cage.coordinates: GREEN exist only inside of the cage, but ";
     const std::string use = "; use a cage around all points, which `deform cage mesh` makes, or coordinates MEAN_VALUE";
     if (!outside.empty()) {
-      refuse_argument(field + points_text(outside) + " of " + std::to_string(points) + (outside.size() == 1 ? " lies" : " lie") +
-                      " outside" + use);
+      refuse_argument(field + points_text(outside, outside.size()) + " of " + std::to_string(points) +
+                      (outside.size() == 1 ? " lies" : " lie") + " outside" + use);
     }
     if (!overlapped.empty()) {
-      refuse_argument(field + points_text(overlapped) + (overlapped.size() == 1 ? " lies" : " lie") +
+      refuse_argument(field + points_text(overlapped, overlapped.size()) + (overlapped.size() == 1 ? " lies" : " lie") +
                       " where parts of the cage overlap" + use);
     }
   }

@@ -248,16 +248,24 @@ std::vector<TriangleCorners> with_images(std::vector<TriangleCorners> triangles,
   return triangles;
 }
 
-/// What is to be wrapped: of a half model the whole one.
+/// What is to be wrapped: of a half model the whole one, of which a wrap needs nothing behind the planes, as from in front of
+/// them its mirror image is nearer. The triangles of a hull are not images of each other.
 std::vector<TriangleCorners> wrapped(const Mesh& mesh, CageKind kind, std::size_t planes) {
   std::vector<TriangleCorners> triangles = with_images(triangles_of(mesh), planes);
-  if (kind != CageKind::hull) return triangles;
-  std::vector<Vec3> corners = mesh.points;
-  if (planes > 0) {
-    corners.clear();
-    for (const TriangleCorners& t : triangles) corners.insert(corners.end(), t.begin(), t.end());
+  if (kind == CageKind::hull) {
+    std::vector<Vec3> corners = mesh.points;
+    if (planes > 0) {
+      corners.clear();
+      for (const TriangleCorners& t : triangles) corners.insert(corners.end(), t.begin(), t.end());
+    }
+    return triangles_of(convex_hull(corners));
   }
-  return triangles_of(convex_hull(corners));
+  std::erase_if(triangles, [&](const TriangleCorners& t) {
+    bool behind = false;
+    for (std::size_t k = 0; k < planes; ++k) behind = behind || (t[0][k] < 0 && t[1][k] < 0 && t[2][k] < 0);
+    return behind;
+  });
+  return triangles;
 }
 
 /// Cages of kind hull and wrap. With symmetry planes the mesh is in coordinates of a MirrorFrame.
@@ -312,7 +320,9 @@ class Wrapping {
     context_.check();
     if (planes > 0) {
       // The two sides of a plane were remeshed each for itself.
-      const Mesh whole = deform::with_images(part_beyond(made.to_mesh(), planes), planes);
+      const Mesh part = part_beyond(made.to_mesh(), planes);
+      if (part.points.empty()) return "none of its triangles is on the side of the mesh only";
+      const Mesh whole = deform::with_images(part, planes);
       if (!is_closed(whole)) return "it is no surface where its two sides meet in a symmetry plane";
       made = SurfaceMesh(whole);
     }
@@ -342,7 +352,8 @@ class Wrapping {
   const ClosestPoint triangles_;
 };
 
-/// Made in coordinates in which the planes are coordinate planes, so that mirror images differ in signs only.
+/// Made in coordinates in which the planes are coordinate planes, so that mirror images differ in signs only. The mesh may be on
+/// both sides of a plane.
 CageAround around_half(const Mesh& mesh, const CageRequest& request, const RunContext& context) {
   const MirrorFrame frame(request.planes, mesh);
   Mesh half = mesh;
@@ -357,6 +368,37 @@ CageAround around_half(const Mesh& mesh, const CageRequest& request, const RunCo
   for (std::size_t c = 0; c < cage.mesh.face_points.size() && !frame.is_right_handed(); c += 3) {
     std::swap(cage.mesh.face_points[c + 1], cage.mesh.face_points[c + 2]);
   }
+  cage.planes = request.planes;
+  return cage;
+}
+
+SurfaceMirrors mirrors_of(const Mesh& mesh, const CageRequest& request, double diagonal, const RunContext& context) {
+  return surface_mirrors(in_pieces(wrapped(mesh, request.kind, 0), longest_piece * diagonal),
+                         request.symmetry_tolerance * diagonal, context);
+}
+
+/// Around a mesh that may be its own mirror image.
+CageAround around_whole(const Mesh& mesh, const CageRequest& request, const Box& box, const RunContext& context) {
+  if (request.symmetry_tolerance == 0) return Wrapping(mesh, request, box, context).run();
+  const SurfaceMirrors mirrors = mirrors_of(mesh, request, box.diagonal(), context);
+  CageRequest mirrored = request;
+  mirrored.planes = mirrors.planes;
+  std::vector<CagePlane> without;
+  for (; !mirrored.planes.empty(); mirrored.planes.pop_back()) {
+    try {
+      CageAround cage = around_half(mesh, mirrored, context);
+      cage.without = std::move(without);
+      cage.asymmetry = mirrors.deviation;
+      return cage;
+    } catch (const Error& error) {
+      // Loops of edges in the planes can be too much for few points.
+      if (error.code() != ErrorCode::failed_precondition) throw;
+    }
+    without.insert(without.begin(), mirrored.planes.back());
+  }
+  CageAround cage = Wrapping(mesh, request, box, context).run();
+  cage.without = std::move(without);
+  cage.nearly_symmetric = mirrors.near;
   return cage;
 }
 
@@ -370,6 +412,10 @@ CageAround cage_around(const Mesh& mesh, const CageRequest& request, const RunCo
   if (!(request.offset >= 0) || !std::isfinite(request.offset)) {
     refuse("offset: " + number_digits(request.offset) + " must be 0 or more and finite");
   }
+  if (!(request.symmetry_tolerance >= 0) || !(request.symmetry_tolerance <= CageRequest::most_symmetry_tolerance)) {
+    refuse("symmetry_tolerance: " + number_digits(request.symmetry_tolerance) + " is out of range, allowed are 0 to " +
+           number_digits(CageRequest::most_symmetry_tolerance) + " of the diagonal");
+  }
   if (mesh.points.empty()) refuse("mesh: it has no points");
   const Box box = bounding_box(mesh.points);
   if (!(box.diagonal() > 0) || !std::isfinite(box.diagonal())) {
@@ -379,7 +425,7 @@ CageAround cage_around(const Mesh& mesh, const CageRequest& request, const RunCo
     if (!request.planes.empty()) refuse("planes: a box ends where `lowest` and `highest` are; leave them out");
     return box_around(mesh, request, box, context);
   }
-  if (request.planes.empty()) return Wrapping(mesh, request, box, context).run();
+  if (request.planes.empty()) return around_whole(mesh, request, box, context);
   return around_half(mesh, request, context);
 }
 

@@ -3,10 +3,12 @@
 
 #include <cstddef>
 #include <limits>
+#include <optional>
 #include <vector>
 
 #include "core/base/run_context.h"
 #include "core/mesh/cages/mirror_frame.h"
+#include "core/mesh/cages/mirror_search.h"
 #include "core/mesh/mesh.h"
 
 namespace deform {
@@ -33,11 +35,18 @@ struct CageRequest {
   /// mirror images, and their own mirror images in each plane, vertex by vertex and triangle by triangle, to rounding. Vertices
   /// on the side of the mesh come first, those in the planes among them. Not for boxes.
   std::vector<CagePlane> planes{};
+  /// Without `planes`: a surface that is this close to its own mirror image, as a fraction of D, gets a hull or wrap that is its
+  /// own mirror image in each such plane, as with `planes`; 0: none is looked for. At most most_symmetry_tolerance.
+  double symmetry_tolerance = usual_symmetry_tolerance;
 
   static constexpr std::size_t least_points = 8, most_points = 10000;
   static constexpr double count_tolerance = 0.05;  ///< of points
   static constexpr double least_angle = 15;        ///< degrees, of all triangles
   static constexpr double least_clearance = 0.1;   ///< of the offset
+  /// Surfaces that are meshed without regard to their symmetry are off by up to 7e-4 D; what is off by 1e-3 D is not symmetric.
+  /// It is a fifth of the least offset.
+  static constexpr double usual_symmetry_tolerance = 8e-4;
+  static constexpr double most_symmetry_tolerance = 0.1;
 };
 
 /// A cage and what there is to say about it.
@@ -49,12 +58,21 @@ struct CageAround {
   std::size_t components = 0;  ///< that are not connected
   std::size_t genus = 0;       ///< of all components together
   int attempts = 0;            ///< with growing offsets, the last of which made it
+  /// In which it is its own mirror image: those that were asked for, or found. Of boxes none are told.
+  std::vector<CagePlane> planes{};
+  /// Planes of the model that were found, but in which no cage of so few points was its own mirror image.
+  std::vector<CagePlane> without{};
+  double asymmetry = 0;  ///< with planes that were found: the largest distance of the model from its image, model units
+  /// The plane that was not taken because the model is farther from its image, if there is one that comes near.
+  std::optional<SurfaceMirrors::Near> nearly_symmetric{};
 };
 
 /// A cage around all points of a mesh (thesis 3.4.1): of hull and wrap the offset surface, remeshed with the offset growing by a
 /// quarter until all points are inside and keep least_clearance, no two triangles cross, all angles are least_angle or more and
-/// the count is met. Of a half model all this is that of the whole cage around the whole model. The faces of the mesh need not be
-/// closed, consistent or manifold; isolated points are enclosed, too. Deterministic.
+/// the count is met. Of a half model all this is that of the whole cage around the whole model. A model that is its own mirror
+/// image within symmetry_tolerance gets a cage around itself and its images, as if they were half models; if none is found with
+/// these planes, one without. The faces of the mesh need not be closed, consistent or manifold; isolated points are enclosed,
+/// too. Deterministic.
 ///
 /// Throws Error(invalid_argument): options out of their limits, the errors of MirrorFrame and planes for a box, no point, points
 /// that all coincide, a box that cannot have so many points, an offset that is too small for a grid; Error(failed_precondition)

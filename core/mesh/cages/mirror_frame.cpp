@@ -2,8 +2,10 @@
 #include "core/mesh/cages/mirror_frame.h"
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cmath>
+#include <cstdio>
 #include <limits>
 #include <string>
 #include <vector>
@@ -15,6 +17,9 @@
 namespace deform {
 
 namespace {
+
+/// What rounding does not decide: a model on both sides of a plane.
+constexpr double as_far = 1e-3;
 
 [[noreturn]] void refuse_plane(std::size_t plane, const std::string& reason) {
   throw Error(ErrorCode::invalid_argument, "planes[" + std::to_string(plane) + "]: " + reason);
@@ -32,7 +37,40 @@ Vec3 at_right_angles(const Vec3& n) {
   return across / norm(across);
 }
 
+/// As messages have it.
+std::string short_number(double value) {
+  std::array<char, 32> text{};
+  std::snprintf(text.data(), text.size(), "%.4g", value);
+  return text.data();
+}
+
 }  // namespace
+
+std::string place_text(const Vec3& place) {
+  std::string text;
+  for (const double x : place) text += (text.empty() ? "(" : ", ") + short_number(x);
+  return text + ")";
+}
+
+std::string plane_text(const CagePlane& plane) {
+  constexpr std::array<char, 3> names{'x', 'y', 'z'};
+  const Vec3 axis = plane.normal / norm(plane.normal);
+  for (std::size_t k = 0; k < 3; ++k) {
+    if (std::abs(axis[k]) < 1 - 1e-12) continue;
+    return std::string(1, names[k]) + " = " + short_number(plane.point[k]);
+  }
+  return "the plane through " + place_text(plane.point) + " across " + place_text(axis);
+}
+
+std::string planes_text(std::span<const CagePlane> planes) {
+  std::string text;
+  for (std::size_t i = 0; i < planes.size(); ++i) {
+    text += (i == 0 ? "" : i + 1 == planes.size() ? " and " : ", ") + plane_text(planes[i]);
+  }
+  return text;
+}
+
+Vec3 reflected(const CagePlane& plane, const Vec3& x) { return x - 2 * dot(plane.normal, x - plane.point) * plane.normal; }
 
 MirrorFrame::MirrorFrame(std::span<const CagePlane> planes, const Mesh& mesh) : planes_(planes.size()) {
   if (planes_ > 3) refuse_plane(3, "there are at most 3 that are orthogonal to each other");
@@ -56,7 +94,7 @@ MirrorFrame::MirrorFrame(std::span<const CagePlane> planes, const Mesh& mesh) : 
       above = std::max(above, height);
       below = std::max(below, -height);
     }
-    axes_[k] = below > above ? -1.0 * axis : axis;
+    axes_[k] = below > above * (1 + as_far) ? -1.0 * axis : axis;
     origin_ = origin_ + dot(axes_[k], planes[k].point - origin_) * axes_[k];
   }
   if (planes_ == 1) axes_[1] = at_right_angles(axes_[0]);

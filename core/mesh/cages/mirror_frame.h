@@ -4,6 +4,7 @@
 #include <array>
 #include <cstddef>
 #include <span>
+#include <string>
 
 #include "core/base/types.h"
 #include "core/mesh/mesh.h"
@@ -15,6 +16,15 @@ struct CagePlane {
   Vec3 point{}, normal{};  ///< the normal need not be of unit length; its direction does not matter
 };
 
+/// "(1, 0, 0.25)"
+std::string place_text(const Vec3& place);
+/// "y = 0", or "the plane through (1, 0, 2) across (0.6, 0.8, 0)".
+std::string plane_text(const CagePlane& plane);
+/// "y = 0 and z = 0.25"
+std::string planes_text(std::span<const CagePlane> planes);
+/// The mirror image of a place. The normal must be of unit length.
+Vec3 reflected(const CagePlane& plane, const Vec3& x);
+
 /// Coordinates in which symmetry planes are those through the origin across the first axes, and the mesh of the half model lies
 /// where these coordinates are 0 or more: the reflection in plane k changes the sign of coordinate k. Model units. Coordinates
 /// along axes of the model keep all their digits. Immutable; any thread.
@@ -22,8 +32,9 @@ class MirrorFrame {
  public:
   static constexpr double orthogonality = 1e-6;  ///< largest cosine of the angle between two planes
 
-  /// The side of the mesh is that on which it reaches farther from a plane. Throws Error(invalid_argument) naming planes[i]: more
-  /// than three, a point or normal that is not finite, a normal that is zero, planes that are not orthogonal.
+  /// The side of the mesh is that on which it reaches farther from a plane, that of the normal if it reaches as far on both.
+  /// Throws Error(invalid_argument) naming planes[i]: more than three, a point or normal that is not finite, a normal that is
+  /// zero, planes that are not orthogonal.
   MirrorFrame(std::span<const CagePlane> planes, const Mesh& mesh);
 
   std::size_t planes() const { return planes_; }

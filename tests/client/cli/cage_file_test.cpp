@@ -65,18 +65,27 @@ TEST_F(CageFile, IsMadeAroundTheMesh) {
           "geometry: ball.obj\nmethod: " + method + "\nhandles: [{name: a, region: {control: {ids: [3, 0]}}}]\n" + rest);
     return read_setup_file(folder_ / "ball.yaml").setup;
   };
-  const auto expect_cage = [&](const v1::CageMethod& cage, CageKind kind, std::size_t points, double offset) {
+  const auto expect_cage = [&](const v1::CageMethod& cage, CageKind kind, std::size_t points, double offset,
+                               double symmetry_tolerance = 0) {
     CageRequest request;
     request.kind = kind;
     request.points = points;
     request.offset = offset;
+    request.symmetry_tolerance = symmetry_tolerance;
     const CageAround expected = cage_around(*io::read_mesh_file(folder_ / "ball.obj")->mesh(), request);
     EXPECT_FALSE(cage.has_generate());
     ASSERT_EQ(static_cast<std::size_t>(cage.vertices_size()), 3 * expected.mesh.point_count());
     for (int i = 0; i < cage.vertices_size(); ++i) EXPECT_EQ(cage.vertices(i), expected.mesh.points[i / 3][i % 3]);
     EXPECT_THAT(cage.triangles(), testing::ElementsAreArray(expected.mesh.face_points));
   };
-  expect_cage(read_with("{cage: {generate: {kind: WRAP, points: 100}, control: MESH}}").method().cage(), CageKind::wrap, 100, 0);
+  // The octahedron is its own mirror image. Where handles select vertices by number that counts only if the file says so.
+  const double usual = CageRequest::usual_symmetry_tolerance;
+  expect_cage(read_with("{cage: {generate: {kind: WRAP, points: 100}, control: MESH}}").method().cage(), CageKind::wrap, 100, 0,
+              usual);
+  expect_cage(read_with("{cage: {generate: {points: 100, symmetry_tolerance: 0}, control: MESH}}").method().cage(),
+              CageKind::wrap, 100, 0);
+  expect_cage(read_with("{cage: {generate: {points: 100, symmetry_tolerance: 0.01}}}").method().cage(), CageKind::wrap, 100, 0,
+              0.01);
   expect_cage(read_with("{cage: {generate: {kind: HULL, points: 80, offset: 0.25}}}").method().cage(), CageKind::hull, 80, 0.25);
   expect_cage(read_with("{cage: {generate: {kind: BOX, points: 26}}}").method().cage(), CageKind::box, 26, 0);
   const v1::Setup defaults = read_with("{cage: {generate: {}}}");
@@ -94,6 +103,8 @@ TEST_F(CageFile, IsMadeAroundTheMesh) {
     expect_error(ErrorCode::invalid_argument, parts, [&] { read_with(method); });
   };
   refused("{cage: {generate: {points: 7}}}", {"ball.yaml: method.cage.generate: ", "8", "10000"});
+  refused("{cage: {generate: {symmetry_tolerance: 0.2}}}", {"method.cage.generate: symmetry_tolerance", "0 to 0.1"});
+  refused("{cage: {generate: {kind: BOX, points: 26, symmetry_tolerance: 0.01}}}", {"symmetry_tolerance", "WRAP and HULL"});
   refused("{cage: {generate: {}, file: ball.obj}}", {"method.cage.file: generate is given as well"});
   refused("{cage: {generate: {}, vertices: [0, 0, 0]}}", {"method.cage.generate: vertices and triangles are given as well"});
   refused("{cage: {}}", {"method.cage.file: missing", "generate"});
@@ -119,6 +130,16 @@ TEST_F(CageFile, IsMadeForHalfModels) {
   };
   const std::string given = "point: [0.3, 0, 1], normal: [0, -2, 0]", region = "region: {group: cut}";
   for (const std::string& plane : {given, region}) {
+    for (const CageKind kind : {CageKind::hull, CageKind::wrap}) {
+      CageRequest request;
+      request.kind = kind;
+      request.points = 98;
+      request.planes = {{{0, 0, 0}, {0, 1, 0}}};
+      const CageAround expected = cage_around(*io::read_mesh_file(folder_ / "half.obj")->mesh(), request);
+      const std::string name = kind == CageKind::hull ? "HULL" : "WRAP";
+      const auto cage = read_with("{generate: {kind: " + name + ", points: 98}, control: MESH}", plane).method().cage();
+      EXPECT_THAT(cage.triangles(), testing::ElementsAreArray(expected.mesh.face_points)) << "its own mirror image";
+    }
     for (const char* kind : {"BOX", "HULL", "WRAP"}) {
       const Box box = box_of(read_with(std::string("{generate: {kind: ") + kind + ", points: 98}, control: MESH}", plane));
       EXPECT_LT(box.min[1], -2) << kind;

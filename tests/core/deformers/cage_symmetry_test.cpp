@@ -170,10 +170,37 @@ TEST(CageSymmetry, JacobianProductsAndPopulations) {
   }
 }
 
+// With MESH the half model is deformed with its image, around which the cage is to be, too.
+TEST(CageSymmetry, SaysBeforeItIsPreparedThatACageIsNotAroundTheImages) {
+  const auto half = shared(test::bumpy_sheet(23, 12));
+  const auto notes_of = [&](const Vec3& from) {
+    CageOptions options = options_of(pyramids(from, high));
+    options.control = CageControl::mesh;
+    deform::Setup setup = cage_setup(options);
+    setup.handles[0].region = {Region::Ids{{30, 31, 32}}};
+    setup.handles[1].region = {Region::Ids{{200, 201}}};
+    setup.fixed = {{Region::Ids{{270, 275}}}};
+    const std::vector<std::string> before = estimate(*half, setup).notes, after = prepare(half, setup)->info().notes;
+    std::string found;
+    for (const std::string& note : before) {
+      if (note.find("outside") == std::string::npos) continue;
+      found = note;
+      EXPECT_THAT(after, testing::Contains(note));
+    }
+    return found;
+  };
+  EXPECT_EQ(notes_of(low), "");
+  // 11 rows of 23 points with y > 0, but for those at the tips, are images that no face is around.
+  const std::string note = notes_of(cut);
+  EXPECT_THAT(note, testing::HasSubstr("253 points lie outside of the cage, the first is 276: with control MESH"));
+  EXPECT_THAT(note, testing::HasSubstr("below 276"));
+}
+
 TEST(CageSymmetry, RefusesOtherCages) {
   const auto half = shared(test::bumpy_sheet(23, 12));
   const auto refused = [&](const CageOptions& cage, const std::vector<const char*>& words) {
     test::expect_error(ErrorCode::invalid_argument, words, [&] { prepare(half, cage_setup(cage)); });
+    test::expect_error(ErrorCode::invalid_argument, words, [&] { estimate(*half, cage_setup(cage)); });
   };
   test::CageMesh mesh = pyramids(low, high);
   mesh.vertices[5][0] += 1e-5;
@@ -191,6 +218,9 @@ TEST(CageSymmetry, RefusesOtherCages) {
   refused(options_of(pyramids({-0.2, -0.1, -0.6}, high)), {"symmetry[0]", "vertex 0 has no image"});
   // Its face in the plane does not reach the end of the sheet.
   refused(options_of(pyramids({0.5, 0, -0.6}, high)), {"ends in symmetry[0]", "6 points", "the first is 0"});
+  // It does not reach the plane.
+  refused(options_of(pyramids({-0.2, 1e-3, -0.6}, high)), {"ends in symmetry[0]", "23 points", "the first is 0"});
+  EXPECT_NO_THROW(estimate(*half, cage_setup(options_of(pyramids(cut, high)))));
   // Vertex 10 is the image of 11, which moves.
   deform::Setup setup = cage_setup(options_of(pyramids(low, high)));
   setup.fixed = {test::control_ids({10})};

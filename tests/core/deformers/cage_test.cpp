@@ -9,12 +9,15 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <map>
 #include <numbers>
 #include <utility>
 
 #include "core/base/vectors.h"
 #include "core/deformers/splitting.h"
 #include "core/deformers/system.h"
+#include "core/mesh/ahmed.h"
+#include "core/mesh/cages/cage_around.h"
 #include "tests/core/deformers/energy_cases.h"
 #include "tests/core/deformers/estimate_bounds.h"
 #include "tests/core/numerics/cages.h"
@@ -243,6 +246,40 @@ TEST(Cage, SaysWhenItLooksLikeAnotherUnitOrAnotherPlace) {
   EXPECT_THAT(notes_with(1, {}), testing::Not(testing::Contains(testing::HasSubstr("units"))));
 }
 
+/// With the planes in which a cage is its own mirror image in its first note.
+std::string note_of(const CageOptions& options) {
+  deform::Setup setup = cage_setup(options);
+  for (auto& handle : setup.handles) handle.region = ids({0});
+  setup.handles[1].region = ids({1});
+  setup.fixed.clear();
+  return estimate(test::bumpy_sheet(9, 5), setup).notes.at(0);
+}
+
+TEST(Cage, SaysInWhichPlanesItIsItsOwnMirrorImage) {
+  CageOptions octahedron;
+  octahedron.vertices = {{5, 0, 0}, {-5, 0, 0}, {0, 4, 0}, {0, -4, 0}, {0, 0, 3}, {0, 0, -3}};
+  octahedron.triangles = {{0, 2, 4}, {2, 1, 4}, {1, 3, 4}, {3, 0, 4}, {2, 0, 5}, {1, 2, 5}, {3, 1, 5}, {0, 3, 5}};
+  EXPECT_THAT(note_of(octahedron), testing::EndsWith("14.14, its own mirror image in x = 0, y = 0 and z = 0."));
+  CageOptions moved = octahedron;
+  for (Vec3& x : moved.vertices) x = x + Vec3{1, 0, 0};
+  EXPECT_THAT(note_of(moved), testing::EndsWith(" image in x = 1, y = 0 and z = 0."));
+  CageOptions tip = octahedron;
+  tip.vertices[4][2] = 3.5;
+  EXPECT_THAT(note_of(tip), testing::EndsWith(" image in x = 0 and y = 0."));
+  tip.vertices[4][0] = 1e-6;
+  EXPECT_THAT(note_of(tip), testing::EndsWith(" image in y = 0."));
+  CageOptions turned = octahedron;
+  for (Vec3& x : turned.vertices) x = {0.6 * x[0] - 0.8 * x[1], 0.8 * x[0] + 0.6 * x[1], x[2]};
+  EXPECT_THAT(note_of(turned), testing::HasSubstr(" image in z = 0, the plane through ("));
+  EXPECT_THAT(note_of(cage_options()), testing::Not(testing::HasSubstr("image")));
+  // The vertices are images of each other, but not the triangles.
+  CageOptions box;
+  box.vertices = {{-1, -1, -1}, {3, -1, -1}, {-1, 2, -1}, {3, 2, -1}, {-1, -1, 1}, {3, -1, 1}, {-1, 2, 1}, {3, 2, 1}};
+  box.triangles = {{0, 3, 1}, {0, 2, 3}, {4, 5, 7}, {4, 7, 6}, {0, 1, 5}, {0, 5, 4},
+                   {2, 7, 3}, {2, 6, 7}, {0, 4, 6}, {0, 6, 2}, {1, 3, 7}, {1, 7, 5}};
+  EXPECT_THAT(note_of(box), testing::Not(testing::HasSubstr("image")));
+}
+
 TEST(Cage, EstimatesBoundWhatIsTaken) {
   for (const std::size_t columns : {31u, 91u}) {
     const auto mesh = shared(test::bumpy_sheet(columns, columns / 2 + 1));
@@ -315,6 +352,38 @@ TEST(CageByMesh, AffineMotionsOfAllHandlesAreMet) {
   const Affine motion{1.1, -0.2, 0.3, 0.1, 0.25, 0.9, 0.1, -0.05, -0.1, 0.2, 1.3, 0.2};
   const Points got = prepare(mesh, setup)->evaluate({{}, {{0, motion}}});
   for (std::size_t i = 0; i < got.size(); ++i) EXPECT_LT(distance(got[i], transformed(motion, mesh->points[i])), 1e-9);
+}
+
+/// The largest difference between the displacement of a point and the image of that of its image, for the roof of a car lifted by
+/// 0.03.
+double asymmetry_of(const Mesh& car, const CageAround& cage) {
+  CageOptions options;
+  options.vertices = cage.mesh.points;
+  for (std::size_t c = 0; c < cage.mesh.face_points.size(); c += 3) {
+    options.triangles.push_back({cage.mesh.face_points[c], cage.mesh.face_points[c + 1], cage.mesh.face_points[c + 2]});
+  }
+  options.control = CageControl::mesh;
+  deform::Setup setup;
+  setup.method = options;
+  setup.handles = {{"roof", {Region::InBox{{0.3, -1, 0.3}, {0.6, 1, 1}}}}};
+  setup.fixed = {{Region::InBox{{-1, -1, -1}, {2, 1, 0.1}}}};
+  const Points moved = prepare(shared(car), setup)->evaluate(Design{{}, {{0, Affine{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0.03}}}});
+  std::map<Vec3, std::size_t> at;
+  for (std::size_t i = 0; i < car.point_count(); ++i) at[car.points[i]] = i;
+  double worst = 0;
+  for (std::size_t i = 0; i < car.point_count(); ++i) {
+    const Vec3& x = car.points[i];
+    const Vec3 image = moved[at.at({x[0], x[1] == 0 ? 0 : -x[1], x[2]})];
+    worst = std::max(worst, distance(moved[i], {image[0], -image[1], image[2]}));
+  }
+  return worst;
+}
+
+TEST(CageByMesh, SymmetricMotionsOfASymmetricModelAreSymmetric) {
+  const Mesh car = ahmed_body({.target_points = 2000});
+  EXPECT_LT(asymmetry_of(car, cage_around(car, {.points = 150})), 0.03 * 1e-11);
+  EXPECT_GT(asymmetry_of(car, cage_around(car, {.points = 150, .symmetry_tolerance = 0})), 0.03 * 0.05)
+      << "else this shows nothing";
 }
 
 TEST(CageByMesh, JacobianProductsAndPopulations) {

@@ -238,6 +238,13 @@ TEST(GreenCage, RefusesPointsOutside) {
   test::expect_error(ErrorCode::invalid_argument,
                      {"method.cage.coordinates", "GREEN", "points 12 and 30 of 45 lie outside", "MEAN_VALUE"},
                      [&] { prepare(shared(mesh), green_setup()); });
+  test::expect_error(ErrorCode::invalid_argument,
+                     {"method.cage.coordinates", "GREEN", "points 12 and 30 of 45 lie outside", "MEAN_VALUE"},
+                     [&] { estimate(mesh, green_setup()); });
+  Mesh many = mesh;  // most of 30,000 points in between, of which every second is looked at
+  many.points.resize(30000, mesh.points[7]);
+  test::expect_error(ErrorCode::invalid_argument, {"points 12 and 30 of 15000 that were looked at lie outside"},
+                     [&] { estimate(many, green_setup()); });
   mesh.points[3] = {1, 0.5, 7};
   test::expect_error(ErrorCode::invalid_argument, {"method.cage.coordinates", "1 points", "outside of its box", "first is 3"},
                      [&] { validate(green_setup(), mesh); });

@@ -154,6 +154,28 @@ Vec3 reflected_in(const CagePlane& plane, const Vec3& x) {
   return x - (2 * dot(plane.normal, x - plane.point) / dot(plane.normal, plane.normal)) * plane.normal;
 }
 
+/// Vertices and triangles are images of each other.
+void expect_own_image(const Mesh& cage, const CagePlane& plane) {
+  const Points& at = cage.points;
+  const double near = 1e-13 * (bounding_box(at).diagonal() + norm(plane.point));
+  std::set<std::set<PointId>> triangles;
+  for (std::size_t c = 0; c < cage.face_points.size(); c += 3) {
+    triangles.insert({cage.face_points[c], cage.face_points[c + 1], cage.face_points[c + 2]});
+  }
+  std::vector<PointId> image;
+  for (const Vec3& x : at) {
+    const Vec3 to = reflected_in(plane, x);
+    const auto found = std::find_if(at.begin(), at.end(), [&](const Vec3& y) { return distance(y, to) <= near; });
+    ASSERT_NE(found, at.end());
+    image.push_back(static_cast<PointId>(found - at.begin()));
+  }
+  for (const std::set<PointId>& t : triangles) {
+    std::set<PointId> to;
+    for (const PointId id : t) to.insert(image[id]);
+    ASSERT_EQ(triangles.count(to), 1u);
+  }
+}
+
 /// Of a half model: all that is promised of a cage around the whole model, and that it is its own mirror image.
 void expect_half_cage(const CageAround& cage, const Mesh& half, const std::vector<CagePlane>& planes, std::size_t points) {
   Mesh whole = half;
@@ -166,25 +188,10 @@ void expect_half_cage(const CageAround& cage, const Mesh& half, const std::vecto
   EXPECT_EQ(crossing_triangles(cage.mesh), 0u);
   const Points& at = cage.mesh.points;
   const double near = 1e-13 * bounding_box(at).diagonal();
-  std::set<std::set<PointId>> triangles;
-  for (std::size_t c = 0; c < cage.mesh.face_points.size(); c += 3) {
-    triangles.insert({cage.mesh.face_points[c], cage.mesh.face_points[c + 1], cage.mesh.face_points[c + 2]});
-  }
   std::size_t first = at.size();  // of the vertices on the side of the mesh
   for (const CagePlane& plane : planes) {
+    expect_own_image(cage.mesh, plane);
     const double side = dot(plane.normal, half.points[0] + half.points[half.point_count() / 2] - 2.0 * plane.point);
-    std::vector<PointId> image;
-    for (const Vec3& x : at) {
-      const Vec3 to = reflected_in(plane, x);
-      const auto found = std::find_if(at.begin(), at.end(), [&](const Vec3& y) { return distance(y, to) <= near; });
-      ASSERT_NE(found, at.end());
-      image.push_back(static_cast<PointId>(found - at.begin()));
-    }
-    for (const std::set<PointId>& t : triangles) {
-      std::set<PointId> to;
-      for (const PointId id : t) to.insert(image[id]);
-      ASSERT_EQ(triangles.count(to), 1u);
-    }
     for (std::size_t i = 0; i < at.size(); ++i) {
       if (side * dot(plane.normal, at[i] - plane.point) < -near * std::abs(side) * norm(plane.normal)) first = std::min(first, i);
     }
@@ -280,6 +287,105 @@ TEST(CageAround, RefusesPlanesThatCannotBe) {
   refused({{{NAN, 0, 0}, {0, 0, 1}}}, {"planes[0]", "finite"});
 }
 
+// Every fifth face of one side is split at a place that has no image.
+TEST(CageAround, OfAModelThatIsItsOwnMirrorImageIsItsOwn) {
+  Mesh car = ahmed_body({.target_points = 2000});
+  std::size_t at = 0;
+  Mesh split;
+  split.points = car.points;
+  for (std::size_t f = 0; f < car.face_count(); at += car.face_sizes[f++]) {
+    const PointId a = car.face_points[at], b = car.face_points[at + 1], c = car.face_points[at + 2];
+    if (car.face_sizes[f] == 3 && f % 5 == 0 && car.points[a][1] > 0) {
+      const auto middle = static_cast<PointId>(split.points.size());
+      split.points.push_back(0.5 * car.points[a] + 0.2 * car.points[b] + 0.3 * car.points[c]);
+      split.face_sizes.insert(split.face_sizes.end(), 3, 3);
+      split.face_points.insert(split.face_points.end(), {a, b, middle, b, c, middle, c, a, middle});
+      continue;
+    }
+    split.face_sizes.push_back(car.face_sizes[f]);
+    split.face_points.insert(split.face_points.end(), car.face_points.begin() + static_cast<std::ptrdiff_t>(at),
+                             car.face_points.begin() + static_cast<std::ptrdiff_t>(at + car.face_sizes[f]));
+  }
+  ASSERT_GT(split.point_count(), car.point_count() + 20);
+  const double c = std::cos(0.7), s = std::sin(0.7), diagonal = bounding_box(car.points).diagonal();
+  for (const CageKind kind : {CageKind::hull, CageKind::wrap}) {
+    for (const std::size_t points : {60u, 400u}) {
+      for (const bool turned : {false, true}) {
+        SCOPED_TRACE(std::to_string(static_cast<int>(kind)) + " " + std::to_string(points) + (turned ? " turned" : ""));
+        Mesh mesh = split;
+        for (Vec3& x : mesh.points) {
+          if (turned) x = 1000.0 * Vec3{c * x[0] - s * x[1] + 3, s * x[0] + c * x[1] - 7, x[2]};
+        }
+        const CageAround cage = cage_around(mesh, {.kind = kind, .points = points});
+        expect_cage(cage, mesh, points);
+        EXPECT_EQ(crossing_triangles(cage.mesh), 0u);
+        ASSERT_EQ(cage.planes.size(), 1u);
+        EXPECT_NEAR(std::abs(dot(cage.planes[0].normal, turned ? Vec3{-s, c, 0} : Vec3{0, 1, 0})), 1, 1e-12);
+        expect_own_image(cage.mesh, cage.planes[0]);
+        EXPECT_LT(cage.asymmetry, 1e-6 * diagonal * (turned ? 1000 : 1));
+        EXPECT_FALSE(cage.nearly_symmetric);
+      }
+    }
+  }
+}
+
+// As half models are made: those of the model that is there.
+TEST(CageAround, OfAWholeModelIsThatOfItsHalf) {
+  const Mesh car = ahmed_body({.target_points = 2000});
+  const CageAround whole = cage_around(car, {.points = 200});
+  ASSERT_EQ(whole.planes.size(), 1u);
+  const CageAround same = cage_around(car, {.points = 200, .planes = whole.planes});
+  EXPECT_EQ(whole.mesh.points, same.mesh.points);
+  EXPECT_EQ(whole.mesh.face_points, same.mesh.face_points);
+}
+
+// A loop of edges in each plane takes more vertices than there are.
+TEST(CageAround, OfASymmetricModelWithFewPointsIsSymmetricToFewerPlanes) {
+  const Mesh ball = test::sphere(1, 4);
+  bool fewer = false, all = false;
+  for (const std::size_t points : {8u, 9u, 12u, 14u, 20u, 60u}) {
+    SCOPED_TRACE(points);
+    const CageAround cage = cage_around(ball, {.points = points});
+    expect_cage(cage, ball, points);
+    ASSERT_EQ(cage.planes.size() + cage.without.size(), 3u);
+    for (const CagePlane& plane : cage.planes) expect_own_image(cage.mesh, plane);
+    for (std::size_t k = 0; k < 3; ++k) {
+      const CagePlane& plane = k < cage.planes.size() ? cage.planes[k] : cage.without[k - cage.planes.size()];
+      EXPECT_EQ(plane.normal[k], 1);
+    }
+    fewer = fewer || !cage.without.empty();
+    all = all || cage.without.empty();
+  }
+  EXPECT_TRUE(fewer);
+  EXPECT_TRUE(all);
+}
+
+TEST(CageAround, OfAModelThatIsNotSymmetricIsAsItWas) {
+  Mesh car = ahmed_body({.target_points = 2000});
+  const double diagonal = bounding_box(car.points).diagonal();
+  const CageAround without = cage_around(car, {.points = 200, .symmetry_tolerance = 0});
+  EXPECT_TRUE(without.planes.empty());
+  EXPECT_FALSE(without.nearly_symmetric);
+  expect_cage(without, car, 200);
+  for (Vec3& x : car.points) {
+    const double r = distance(x, {0.5, 0.2, 0.2}) / (0.1 * diagonal);
+    x[1] += 1e-3 * diagonal * std::exp(-r * r);
+  }
+  const CageAround usual = cage_around(car, {.points = 200}), none = cage_around(car, {.points = 200, .symmetry_tolerance = 0});
+  EXPECT_TRUE(usual.planes.empty());
+  EXPECT_EQ(usual.mesh.points, none.mesh.points);
+  EXPECT_EQ(usual.mesh.face_points, none.mesh.face_points);
+  ASSERT_TRUE(usual.nearly_symmetric);
+  EXPECT_EQ(usual.nearly_symmetric->plane.normal, (Vec3{0, 1, 0}));
+  EXPECT_GT(usual.nearly_symmetric->deviation, 8e-4 * diagonal);
+  EXPECT_LT(usual.nearly_symmetric->deviation, 1.01e-3 * diagonal);
+  const CageAround wanted = cage_around(car, {.points = 200, .symmetry_tolerance = 1.1e-3});
+  expect_cage(wanted, car, 200);
+  ASSERT_EQ(wanted.planes.size(), 1u);
+  expect_own_image(wanted.mesh, wanted.planes[0]);
+  EXPECT_EQ(wanted.asymmetry, usual.nearly_symmetric->deviation);
+}
+
 using Divisions = std::array<std::size_t, 3>;
 
 /// All divisions of a box, by enumeration: the number of points that each has, and the sides of its rectangles, the longest over
@@ -366,6 +472,10 @@ TEST(CageAround, RefusesWhatCannotBe) {
   const Mesh ball = test::sphere(1, 3);
   expect_error(ErrorCode::invalid_argument, {"points", "7", "8 to 10000"}, [&] { (void)cage_around(ball, {.points = 7}); });
   expect_error(ErrorCode::invalid_argument, {"offset", "-1"}, [&] { (void)cage_around(ball, {.offset = -1}); });
+  for (const double tolerance : {-1e-3, 0.11, static_cast<double>(NAN)}) {
+    expect_error(ErrorCode::invalid_argument, {"symmetry_tolerance", "0 to 0.1"},
+                 [&] { (void)cage_around(ball, {.symmetry_tolerance = tolerance}); });
+  }
   expect_error(ErrorCode::invalid_argument, {"offset", "too small"}, [&] { (void)cage_around(ball, {.offset = 1e-6}); });
   expect_error(ErrorCode::invalid_argument, {"no points"}, [] { (void)cage_around({}, {}); });
   Mesh spot;

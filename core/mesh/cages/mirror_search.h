@@ -1,0 +1,48 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "core/base/run_context.h"
+#include "core/base/types.h"
+#include "core/mesh/cages/mirror_frame.h"
+#include "core/mesh/remeshing/closest_point.h"
+
+namespace deform {
+
+/// Planes in which a body may be its own mirror image, with unit normals: across the coordinate axes, through the origin, the
+/// middle of its box and its centroid, and across its principal axes, through the centroid; where two principal moments are
+/// nearly the same, across axes in between, too. Centroid and moments are those of the area or, where there is none, of the
+/// corners.
+std::vector<CagePlane> mirror_candidates(std::span<const TriangleCorners> triangles);
+
+/// In which planes a surface is its own mirror image.
+struct SurfaceMirrors {
+  /// Orthogonal to each other, at most 3, with unit normals; across coordinate axes if that fits as well.
+  std::vector<CagePlane> planes;
+  /// The largest distance of the surface from its mirror image in any of them, model units.
+  double deviation = 0;
+  /// A plane that is none because the image is too far away.
+  struct Near {
+    CagePlane plane;
+    double deviation = 0;  ///< model units
+    Vec3 at{};             ///< a place on the surface whose image is so far away
+  };
+  /// If there are no planes, the best one that misses the tolerance by a factor of at most `nearly`.
+  std::optional<Near> near;
+
+  static constexpr double nearly = 20;
+};
+
+/// Looks for planes in which the corners of triangles have images at most `tolerance` (model units, over 0) from the triangles.
+/// What counts is the surface: vertices need not be images of each other, as those of surfaces that were meshed without regard to
+/// their symmetry are not. A reflection takes itself back, so the surface is nowhere farther from its image either. Triangles
+/// must be small as against the features of the surface, as only corners are looked at. Among mirror_candidates() those that
+/// nearly fit are moved to where they fit best (iterated closest points: Besl and McKay 1992). Deterministic.
+///
+/// Throws Error(cancelled, deadline_exceeded) by the context.
+SurfaceMirrors surface_mirrors(std::vector<TriangleCorners> triangles, double tolerance, const RunContext& context = {});
+
+}  // namespace deform
