@@ -22,7 +22,7 @@ constexpr std::size_t small_assembly = std::size_t{64} << 20;
 constexpr std::size_t shape_bytes = 64;  // of a point in a projection
 constexpr std::size_t most_parameters = 7, few_set_points = 64;
 constexpr double per_pair = 4e-9;        // seconds to assemble Phi^T Phi: for each pair of functions at a point
-constexpr double per_product = 1e-10;    // seconds of an operation in products of dense matrices
+constexpr double per_product = 5e-11;    // seconds of an operation in products of dense matrices
 constexpr std::size_t column_cover = 2;  // functions of a column, over those of a point
 
 /// The counts that determine the memory.
@@ -251,6 +251,8 @@ ConstrainedBytes constrained_bytes(const SparseMatrix& matrix, const FunctionRow
   const std::vector<std::int64_t> chosen = functions_reaching(values, sets, delivered);
   if (delivered != nullptr) {
     const auto k = static_cast<std::size_t>(matrix.rows());
+    for (std::size_t u = 0; u < delivered->points(); ++u)
+      counts.cover = std::max(counts.cover, values.count(delivered->point(u)));
     DenseCounts dense{delivered->points(), chosen.size(), k, SparseCholesky::estimate(matrix)};
     const DeliveredRows::Form form =
         DeliveredRows::form(dense.points, dense.reaching, k, dense.factor.factor_bytes / sizeof(double));
