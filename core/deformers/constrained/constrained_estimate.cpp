@@ -22,6 +22,7 @@ constexpr std::size_t small_assembly = std::size_t{64} << 20;
 constexpr std::size_t shape_bytes = 64;  // of a point in a projection
 constexpr std::size_t most_parameters = 7, few_set_points = 64;
 constexpr double per_pair = 4e-9;        // seconds to assemble Phi^T Phi: for each pair of functions at a point
+constexpr double per_product = 5e-11;    // seconds of an operation in products of dense matrices
 constexpr std::size_t column_cover = 2;  // functions of a column, over those of a point
 
 /// The counts that determine the memory.
@@ -108,6 +109,57 @@ ConstrainedBytes larger(const ConstrainedBytes& a, const ConstrainedBytes& b) {
           std::max(a.operations, b.operations), std::max(a.seconds, b.seconds)};
 }
 
+/// Of points that follow dense rows.
+struct DenseCounts {
+  std::size_t points = 0, reaching = 0, functions = 0;  ///< u, functions that are nonzero at points of sets or held points, k
+  SparseCholesky::Estimate factor;                      ///< of all functions
+  SparseCholesky::Estimate reduced{};                   ///< of the Schur complement, if there is one
+};
+
+/// V, its rows interpolated, and what is computed from these: the basis, or the energy of the chosen functions; the global step
+/// and Newton's matrix are dense.
+ConstrainedBytes dense_total(const Counts& sets, const DenseCounts& of, DeliveredRows::Form form) {
+  const std::size_t u = of.points, k = of.functions, N = sets.newton.points, word = sizeof(double);
+  const bool basis = form == DeliveredRows::Form::basis, schur = ReducedEnergy::is_dense(of.reaching, k);
+  const std::size_t r = basis ? std::min({u, k, of.reaching}) : schur ? of.reaching : k;
+  const std::size_t with_translations = r + N;  // at most, of which there are few more than sets
+  const std::size_t borders = std::min(with_translations - r, sets.newton.parameters);
+  const std::size_t V = u * r * word, all = basis ? u * k * word : 0, interpolated = u * std::min(k, of.reaching) * word;
+  const std::size_t step = ReducedEnergy::dense_bytes(r + borders);
+  const std::size_t energy = basis ? ReducedEnergy::dense_bytes(r) + k * r * word : of.reduced.factor_bytes;
+  const std::size_t points = N * (sizeof(Vec3) + sizeof(PointId) + 6 * form_entry_bytes) + u * sets.cover * form_entry_bytes +
+                             sets.columns * StretchedColumn::point_bytes;
+  NewtonSizes sizes = sets.newton;
+  sizes.functions = r;
+  sizes.dense = basis || schur;
+  sizes.dense_points = std::max<std::size_t>(1, u);
+  sizes.factor_bytes = step;
+  const NewtonChoice newton = cheapest_newton(sizes, 0);
+  const std::size_t compliance = newton.form == NewtonForm::forces ? N * N * word : 0;
+
+  ConstrainedBytes bytes;
+  bytes.resident = points + V + all + energy + step + compliance;
+  const std::size_t making_basis = basis ? 2 * u * k * word + u * u * word + k * r * word : of.reduced.peak_bytes;
+  const std::size_t stepping = V + 3 * r * r * word + ReducedEnergy::dense_peak_bytes(r + borders);
+  const std::size_t compliances = newton.form == NewtonForm::forces ? V + u * u * word + 2 * N * u * word : 0;
+  bytes.preparing =
+      points + N * shape_bytes + interpolated +
+      std::max({making_basis, all + energy + V + std::max(stepping, step + compliance + compliances), bytes.resident});
+  Counts counts = sets;
+  counts.newton = sizes;
+  counts.full = 3 * r + sizes.parameters;
+  counts.unknowns = k;
+  const std::size_t assembled =
+      newton.form == NewtonForm::full ? V + 3 * r * r * word + 9 * sizes.touched * grown + 6 * u * form_entry_bytes : 0;
+  bytes.working = sizeof(Vec3) * (40 * N + 34 * r + 12 * k + 4 * u) + newton_bytes(counts, newton.form) + assembled;
+  const auto du = static_cast<double>(u), dr = static_cast<double>(r), dk = static_cast<double>(k);
+  bytes.operations = of.reduced.flops + dr * dr * dr / 3;
+  bytes.seconds = per_product * (2 * du * dr * dr + (basis ? du * 4 * static_cast<double>(of.factor.factor_bytes) / word +
+                                                                 2 * du * du * dk + 2 * du * dk * dr + 2 * dk * dr * dr
+                                                           : 0));
+  return bytes;
+}
+
 /// The functions at the points of a set, ascending. Points of one set have most of them in common.
 std::vector<std::int64_t> functions_of(const ConstraintSet& set, const FunctionRows& values) {
   std::vector<std::int64_t> reached;
@@ -192,11 +244,23 @@ std::size_t newton_factor_bytes(const SparseMatrix& matrix, const FunctionRows& 
 
 }  // namespace
 
-ConstrainedBytes constrained_bytes(const SparseMatrix& matrix, const FunctionRows& values,
-                                   const std::vector<ConstraintSet>& sets) {
+ConstrainedBytes constrained_bytes(const SparseMatrix& matrix, const FunctionRows& values, const std::vector<ConstraintSet>& sets,
+                                   const DeliveredRows* delivered) {
   if (sets.empty()) return {};
   Counts counts = counts_of(sets);
-  const std::vector<std::int64_t> chosen = functions_reaching(values, sets);
+  const std::vector<std::int64_t> chosen = functions_reaching(values, sets, delivered);
+  if (delivered != nullptr) {
+    const auto k = static_cast<std::size_t>(matrix.rows());
+    for (std::size_t u = 0; u < delivered->points(); ++u)
+      counts.cover = std::max(counts.cover, values.count(delivered->point(u)));
+    DenseCounts dense{delivered->points(), chosen.size(), k, SparseCholesky::estimate(matrix)};
+    const DeliveredRows::Form form =
+        DeliveredRows::form(dense.points, dense.reaching, k, dense.factor.factor_bytes / sizeof(double));
+    const bool schur = form == DeliveredRows::Form::functions && ReducedEnergy::is_dense(chosen.size(), k);
+    if (schur) dense.reduced = ReducedEnergy::estimate(matrix, chosen);
+    if (form != DeliveredRows::Form::none) return dense_total(counts, dense, form);
+    return constrained_bytes(matrix, values, sets, nullptr);
+  }
   counts.unknowns = static_cast<std::size_t>(matrix.rows());
   const bool dense = ReducedEnergy::is_dense(chosen.size(), counts.unknowns);
   const std::size_t r = dense ? chosen.size() : counts.unknowns;
@@ -300,6 +364,20 @@ ConstrainedBytes constrained_bytes(const SpaceCounts& space, const std::vector<C
     const std::size_t working = operations < functions ? 0 : newton_bytes(counts, NewtonForm::sparse);
     result.working = std::max(result.working, plain.working + working);
   };
+  if (space.delivered > 0) {
+    // The functions that reach held points are not known: any number up to all, and rows need not be dense in the end.
+    Counts counts = common;
+    counts.cover = space.cover;
+    for (const std::size_t reaching : {std::min({ReducedEnergy::most_dense, (k - 1) / 2}), k}) {
+      DenseCounts dense{space.delivered, reaching, k, {space.factor_entries * sizeof(double), 0, 0}};
+      const DeliveredRows::Form form = DeliveredRows::form(dense.points, reaching, k, space.factor_entries);
+      if (form == DeliveredRows::Form::none) continue;
+      if (ReducedEnergy::is_dense(reaching, k) && form == DeliveredRows::Form::functions) {
+        dense.reduced = counts_for(reaching, true).reduced;
+      }
+      result = larger(result, dense_total(counts, dense, form));
+    }
+  }
   if (k > 2) consider(counts_for(std::min({reached, ReducedEnergy::most_dense, (k - 1) / 2}), true));
   if (!ReducedEnergy::is_dense(reached, k)) consider(counts_for(k, false));
   return result;

@@ -20,8 +20,9 @@ struct ConstrainedBytes {
 
 /// The bounds from the lower triangle of the matrix that the solver factors and the values at all points. Uses symbolic analysis,
 /// accurate to a few percent.
-ConstrainedBytes constrained_bytes(const SparseMatrix& matrix, const FunctionRows& values,
-                                   const std::vector<ConstraintSet>& sets);
+/// `delivered` may be null; else it has its functions and points.
+ConstrainedBytes constrained_bytes(const SparseMatrix& matrix, const FunctionRows& values, const std::vector<ConstraintSet>& sets,
+                                   const DeliveredRows* delivered = nullptr);
 
 /// Upper bounds of the counts of a space that is not built yet.
 struct SpaceCounts {
@@ -30,6 +31,7 @@ struct SpaceCounts {
   std::size_t energy_entries = 0;  ///< entries of the lower triangle of the matrix
   std::size_t factor_entries = 0;
   std::size_t reaching = std::numeric_limits<std::size_t>::max();  ///< functions that are nonzero at a point of the sets
+  std::size_t delivered = 0;  ///< of DeliveredRows: points of the sets that follow functions; 0 without them
 };
 /// The bounds for any functions that reach the sets and any form of Newton's matrix.
 ConstrainedBytes constrained_bytes(const SpaceCounts& space, const std::vector<ConstraintSet>& sets);

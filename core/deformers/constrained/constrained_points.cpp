@@ -2,6 +2,7 @@
 #include "core/deformers/constrained/constrained_points.h"
 
 #include <algorithm>
+#include <cmath>
 #include <span>
 #include <utility>
 
@@ -10,12 +11,16 @@
 
 namespace deform {
 
-std::vector<std::int64_t> functions_reaching(const FunctionRows& values, const std::vector<ConstraintSet>& sets) {
+std::vector<std::int64_t> functions_reaching(const FunctionRows& values, const std::vector<ConstraintSet>& sets,
+                                             const DeliveredRows* delivered) {
   std::vector<bool> reaches(static_cast<std::size_t>(values.cols()), false);
   for (const ConstraintSet& set : sets) {
     for (const PointId id : set.ids) {
       values.for_each(id, [&](std::int64_t column, double) { reaches[static_cast<std::size_t>(column)] = true; });
     }
+  }
+  if (delivered != nullptr) {
+    for (const std::int64_t column : delivered->functions) reaches[static_cast<std::size_t>(column)] = true;
   }
   std::vector<std::int64_t> result;
   for (std::size_t j = 0; j < reaches.size(); ++j) {
@@ -24,35 +29,115 @@ std::vector<std::int64_t> functions_reaching(const FunctionRows& values, const s
   return result;
 }
 
-ConstrainedPoints::ConstrainedPoints(std::vector<ConstraintSet> sets, const FunctionRows& values, const ReducedEnergy& energy)
-    : sets_(std::move(sets)), first_{0} {
-  const auto r = static_cast<std::int64_t>(energy.size());
-  std::vector<std::int64_t> place(static_cast<std::size_t>(values.cols()), -1);
-  for (std::int64_t i = 0; i < r; ++i) place[static_cast<std::size_t>(energy.function(static_cast<std::size_t>(i)))] = i;
-  std::vector<Eigen::Triplet<double, std::int64_t>> rows;
-  SparseSum sum(r);
-  for (const ConstraintSet& set : sets_) {
-    const auto row_of = [&](std::size_t i) { return static_cast<std::int64_t>(first_.back() + i); };
-    if (set.column) {
-      set.column->for_each_row([&](std::size_t row, std::span<const StretchedColumn::Entry> entries) {
-        sum.clear();
-        for (const auto& [point, factor] : entries) {
-          values.for_each(set.ids[point], [&, by = factor](std::int64_t column, double value) {
-            sum.add(place[static_cast<std::size_t>(column)], by * value);
-          });
-        }
-        for (const std::int64_t column : sum.places()) rows.emplace_back(row_of(row), column, sum.value(column));
-      });
-    } else {
-      for (std::size_t i = 0; i < set.ids.size(); ++i) {
-        values.for_each(set.ids[i], [&](std::int64_t column, double value) {
-          rows.emplace_back(row_of(i), place[static_cast<std::size_t>(column)], value);
-        });
-      }
-    }
-    first_.push_back(first_.back() + set.ids.size());
+namespace {
+
+/// Of each of k functions its place among those of the energy, or -1; without one those places themselves.
+std::vector<std::int64_t> places_of(std::int64_t functions, const ReducedEnergy* energy) {
+  std::vector<std::int64_t> place(static_cast<std::size_t>(functions), -1);
+  const auto count = energy != nullptr ? static_cast<std::int64_t>(energy->size()) : functions;
+  for (std::int64_t i = 0; i < count; ++i) {
+    place[static_cast<std::size_t>(energy != nullptr ? energy->function(static_cast<std::size_t>(i)) : i)] = i;
   }
+  return place;
+}
+
+}  // namespace
+
+DeliveredRows::Form DeliveredRows::form(std::size_t points, std::size_t reaching, std::size_t functions,
+                                        std::size_t factor_entries) {
+  const bool chosen = ReducedEnergy::is_dense(reaching, functions);
+  const std::size_t r = chosen ? reaching : functions;
+  if (r <= most_functions && points * r <= most_entries) return Form::functions;
+  const bool fits = points * functions <= most_entries && ReducedEnergy::affordable_basis(points, functions, factor_entries);
+  return fits ? Form::basis : Form::none;
+}
+
+void DeliveredRows::take_points(const std::vector<ConstraintSet>& sets, const std::vector<bool>& held) {
+  for (const ConstraintSet& set : sets) {
+    for (const PointId id : set.ids) {
+      if (set.column) columns.push_back(id);
+      if (!set.column && !held[id]) ids.push_back(id);
+    }
+  }
+  for (std::vector<PointId>* some : {&ids, &columns}) {
+    std::sort(some->begin(), some->end());
+    some->erase(std::unique(some->begin(), some->end()), some->end());
+  }
+}
+
+std::size_t DeliveredRows::row_of(const ConstraintSet& set, PointId id) const {
+  const std::vector<PointId>& some = set.column ? columns : ids;
+  const auto found = std::lower_bound(some.begin(), some.end(), id);
+  if (found == some.end() || *found != id) return points();
+  return static_cast<std::size_t>(found - some.begin()) + (set.column ? ids.size() : 0);
+}
+
+Eigen::MatrixXd DeliveredRows::values(const FunctionRows& values, const ReducedEnergy* energy) const {
+  const std::vector<std::int64_t> place = places_of(values.cols(), energy);
+  const auto size = static_cast<Eigen::Index>(energy != nullptr ? static_cast<std::int64_t>(energy->size()) : values.cols());
+  Eigen::MatrixXd V = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(points()), size);
+  for (std::size_t f = 0; f < functions.size(); ++f) {
+    V.col(place[static_cast<std::size_t>(functions[f])]).head(interpolated.rows()) =
+        -interpolated.col(static_cast<Eigen::Index>(f));
+  }
+  for (std::size_t u = 0; u < points(); ++u) {
+    values.for_each(point(u), [&](std::int64_t column, double value) {
+      V(static_cast<Eigen::Index>(u), place[static_cast<std::size_t>(column)]) += value;
+    });
+  }
+  return V;
+}
+
+ConstrainedPoints::ConstrainedPoints(std::vector<ConstraintSet> sets, const FunctionRows& values, const ReducedEnergy& energy,
+                                     const DeliveredRows* delivered, Eigen::MatrixXd all)
+    : energy_(energy), sets_(std::move(sets)), first_{0}, all_(std::move(all)) {
+  const auto r = static_cast<std::int64_t>(energy.size());
+  for (const ConstraintSet& set : sets_) first_.push_back(first_.back() + set.ids.size());
   phi_.resize(static_cast<std::int64_t>(count()), r);
+  transposed_.resize(r, static_cast<std::int64_t>(count()));
+  if (delivered != nullptr) {
+    make_dense(values, *delivered);
+  } else {
+    make_sparse(values, places_of(values.cols(), &energy));
+  }
+}
+
+/// Calls use(row, set, entries) for each row of Phi, where entries are places of points in the set with their factors.
+template <typename Use>
+void ConstrainedPoints::for_each_row(const Use& use) const {
+  for (std::size_t t = 0; t < sets_.size(); ++t) {
+    const ConstraintSet& set = sets_[t];
+    const auto row_of = [&](std::size_t i) { return static_cast<std::int64_t>(first_[t] + i); };
+    if (set.column) {
+      set.column->for_each_row(
+          [&](std::size_t row, std::span<const StretchedColumn::Entry> entries) { use(row_of(row), set, entries); });
+      continue;
+    }
+    for (std::size_t i = 0; i < set.ids.size(); ++i) {
+      const StretchedColumn::Entry entry{static_cast<std::uint32_t>(i), 1.0};
+      use(row_of(i), set, std::span<const StretchedColumn::Entry>(&entry, 1));
+    }
+  }
+}
+
+void ConstrainedPoints::make_sparse(const FunctionRows& values, const std::vector<std::int64_t>& place) {
+  std::vector<Eigen::Triplet<double, std::int64_t>> rows;
+  SparseSum sum(phi_.cols());
+  for_each_row([&](std::int64_t row, const ConstraintSet& set, std::span<const StretchedColumn::Entry> entries) {
+    if (!set.column) {
+      values.for_each(set.ids[entries[0].first], [&](std::int64_t column, double value) {
+        rows.emplace_back(row, place[static_cast<std::size_t>(column)], value);
+      });
+      return;
+    }
+    sum.clear();
+    for (const auto& [point, factor] : entries) {
+      values.for_each(set.ids[point], [&, by = factor](std::int64_t column, double value) {
+        sum.add(place[static_cast<std::size_t>(column)], by * value);
+      });
+    }
+    for (const std::int64_t column : sum.places()) rows.emplace_back(row, column, sum.value(column));
+  });
   phi_.setFromTriplets(rows.begin(), rows.end());
   transposed_ = SparseMatrix(phi_.transpose());
   for (std::size_t t = 0; t < sets_.size(); ++t) {
@@ -64,8 +149,35 @@ ConstrainedPoints::ConstrainedPoints(std::vector<ConstraintSet> sets, const Func
   }
 }
 
+void ConstrainedPoints::make_dense(const FunctionRows& values, const DeliveredRows& delivered) {
+  std::vector<Eigen::Triplet<double, std::int64_t>> entries;
+  for (std::size_t u = 0; u < delivered.points(); ++u) {
+    values.for_each(delivered.point(u), [&](std::int64_t column, double value) {
+      entries.emplace_back(static_cast<std::int64_t>(u), column, value);
+    });
+  }
+  alone_.resize(static_cast<std::int64_t>(delivered.points()), values.cols());
+  alone_.setFromTriplets(entries.begin(), entries.end());
+  entries.clear();
+  Eigen::MatrixXd V = all_.size() > 0 ? Eigen::MatrixXd(all_ * energy_.basis()) : delivered.values(values, &energy_);
+  for_each_row([&](std::int64_t row, const ConstraintSet& set, std::span<const StretchedColumn::Entry> of) {
+    for (const auto& [point, factor] : of) {
+      const std::size_t u = delivered.row_of(set, set.ids[point]);
+      if (u < delivered.points()) entries.emplace_back(row, static_cast<std::int64_t>(u), factor);
+    }
+  });
+  SparseRows spread(static_cast<std::int64_t>(count()), V.rows());
+  spread.setFromTriplets(entries.begin(), entries.end());
+  dense_.emplace(std::move(V), std::move(spread));
+}
+
+std::size_t ConstrainedPoints::entries() const {
+  return dense_ ? static_cast<std::size_t>(dense_->values().size()) : static_cast<std::size_t>(phi_.nonZeros());
+}
+
 std::size_t ConstrainedPoints::bytes() const {
   std::size_t bytes = sparse_bytes(phi_) + sparse_bytes(transposed_) + count() * (sizeof(Vec3) + sizeof(PointId));
+  if (dense_) bytes += dense_->bytes() + sparse_bytes(alone_) + static_cast<std::size_t>(all_.size()) * sizeof(double);
   for (const ConstraintSet& set : sets_) bytes += set.column ? set.ids.size() * StretchedColumn::point_bytes : 0;
   return bytes;
 }
@@ -95,6 +207,7 @@ std::vector<Vec3> ConstrainedPoints::mesh_points(std::size_t set, const std::vec
 }
 
 std::vector<Vec3> ConstrainedPoints::displacements(const Eigen::MatrixXd& v) const {
+  if (dense_) return dense_->times(v);
   std::vector<Vec3> result(count(), Vec3{});
   for (std::size_t i = 0; i < result.size(); ++i) {
     for (SparseRows::InnerIterator it(phi_, static_cast<std::int64_t>(i)); it; ++it) {
@@ -104,7 +217,27 @@ std::vector<Vec3> ConstrainedPoints::displacements(const Eigen::MatrixXd& v) con
   return result;
 }
 
+std::vector<Vec3> ConstrainedPoints::displacements_of_all(const Eigen::MatrixXd& w) const {
+  return all_.size() > 0 ? dense_->spread_out(all_ * w) : displacements(energy_.restricted(w));
+}
+
+double ConstrainedPoints::reach(const Eigen::MatrixXd& v) const {
+  double squares = 0;
+  for (const Vec3& u : displacements(v)) squares += dot(u, u);
+  const double result = std::sqrt(squares / static_cast<double>(std::max<std::size_t>(1, count())));
+  if (!dense_ || alone_.rows() == 0) return result;
+  const Eigen::MatrixXd alone = alone_ * energy_.spread(v);
+  return std::max(result, alone.norm() / std::sqrt(static_cast<double>(alone_.rows())));
+}
+
 Eigen::MatrixXd ConstrainedPoints::weighted_sums(const std::vector<Vec3>& y) const {
+  if (dense_) {
+    std::vector<Vec3> weighted = y;
+    for (std::size_t t = 0; t < sets_.size(); ++t) {
+      for (std::size_t i = first_[t]; i < first_[t + 1]; ++i) weighted[i] = weight_per_point(t) * y[i];
+    }
+    return dense_->transposed_times(weighted);
+  }
   Eigen::MatrixXd result = Eigen::MatrixXd::Zero(transposed_.rows(), 3);
   for (std::size_t i = 0; i < y.size(); ++i) {
     for (SparseMatrix::InnerIterator it(transposed_, static_cast<std::int64_t>(i)); it; ++it) {

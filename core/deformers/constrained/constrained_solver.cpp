@@ -38,22 +38,35 @@ std::vector<Vec3> differences(const std::vector<Vec3>& a, const std::vector<Vec3
   return result;
 }
 
+/// V of all functions if the solver is to have a basis, else nothing.
+Eigen::MatrixXd basis_values(const EnergySolver& solver, const FunctionRows& values, const std::vector<ConstraintSet>& sets,
+                             const DeliveredRows* delivered) {
+  if (delivered == nullptr) return {};
+  const DeliveredRows::Form form = DeliveredRows::form(delivered->points(), functions_reaching(values, sets, delivered).size(),
+                                                       solver.unknowns(), solver.factor().bytes() / sizeof(double));
+  return form == DeliveredRows::Form::basis ? delivered->values(values, nullptr) : Eigen::MatrixXd();
+}
+
 }  // namespace
 
 ConstrainedSolver::ConstrainedSolver(const EnergySolver& solver, const FunctionRows& values, std::vector<ConstraintSet> sets,
-                                     const Options& options, std::size_t memory_limit, const RunContext& context)
+                                     const Options& options, std::size_t memory_limit, const RunContext& context,
+                                     const DeliveredRows* delivered)
     : solver_(solver),
       options_(options),
-      reduced_(solver, functions_reaching(values, sets), memory_limit, context),
-      points_(std::move(sets), values, reduced_),
+      delivered_values_(basis_values(solver, values, sets, delivered)),
+      reduced_(delivered_values_.size() > 0
+                   ? ReducedEnergy(solver, delivered_values_, memory_limit, context)
+                   : ReducedEnergy(solver, functions_reaching(values, sets, delivered), memory_limit, context)),
+      points_(std::move(sets), values, reduced_, delivered, std::move(delivered_values_)),
       global_step_(points_, reduced_, memory_limit, context),
       gauss_newton_(points_, reduced_, global_step_.factor(), memory_limit, context),
       patience_(options_.patience > 0 ? options_.patience : patience_by_cost()) {}
 
 int ConstrainedSolver::patience_by_cost() const {
   if (gauss_newton_.form() == NewtonForm::none) return most_patience;
-  const double iteration = 12.0 * static_cast<double>(global_step_.factor().bytes()) / sizeof(double) +
-                           40.0 * static_cast<double>(points_.phi().nonZeros());
+  const double iteration =
+      12.0 * static_cast<double>(global_step_.factor().bytes()) / sizeof(double) + 40.0 * static_cast<double>(points_.entries());
   const double ratio = steps_per_round * gauss_newton_.operations() / (dense_speed * iteration);
   return static_cast<int>(std::clamp(ratio, double{least_patience}, double{most_patience}));
 }
@@ -121,10 +134,10 @@ Eigen::MatrixXd ConstrainedSolver::alternate(const Case& c, int most, Constraine
     const double step = rms(differences(from, now.targets));
     if (step == 0 || (window.size() > 0 && rho < 1 && step * rho / (1 - rho) <= options_.tolerance && step <= check_below)) {
       // The cheaper estimate first. It leaves the shapes out, which may curve the objective downwards: then more is left.
-      result.error = rms(points_.displacements(response(c, points_.weighted_sums(differences(now.targets, from)))));
+      result.error = points_.reach(response(c, points_.weighted_sums(differences(now.targets, from))));
       if (result.error <= options_.tolerance) {
         const Direction left = linearized_direction(now, c.context);
-        result.error = std::max(result.error, rms(points_.displacements(left.v)));
+        result.error = std::max(result.error, points_.reach(left.v));
         if (result.error <= options_.tolerance && left.end == GradientsEnd::converged) {
           result.converged = true;
           return left.v;
@@ -174,7 +187,7 @@ ConstrainedResult ConstrainedSolver::solve(const Eigen::MatrixXd& h, const std::
   Case c{{}, context};
   const auto start = [&] {
     free = solver_.solve_loads(loads, context);
-    c.unconstrained = points_.displacements(reduced_.restricted(free));
+    c.unconstrained = points_.displacements_of_all(free);
     for (std::size_t t = 0; t < sets().size(); ++t) {
       const std::vector<Vec3>& rest = sets()[t].solved_rest();
       for (std::size_t i = points_.first(t); i < points_.first(t + 1); ++i) {
@@ -216,7 +229,7 @@ ConstrainedResult ConstrainedSolver::solve(const Eigen::MatrixXd& h, const std::
     }
     if (!result.converged) {
       Eigen::MatrixXd all = response(c, -gradient(result.after));
-      const double error = rms(points_.displacements(all));
+      const double error = points_.reach(all);
       if (left.size() == 0 || error > result.error) left = std::move(all);
       result.error = std::max(result.error, error);
     }
@@ -287,7 +300,7 @@ Eigen::MatrixXd ConstrainedSolver::newton(const Case& c, ConstrainedResult& resu
     c.context.check();
     const Direction direction = newton_direction(now, matrix, c.context);
     left = direction.v;
-    const double moved = rms(points_.displacements(left));
+    const double moved = points_.reach(left);
     result.error = std::max(rounding, moved);
     const bool small = moved <= std::max(options_.tolerance, near ? rounding : 0.0);
     if (small && direction.end != GradientsEnd::converged) return left;
@@ -338,57 +351,88 @@ Eigen::MatrixXd ConstrainedSolver::solve_linearized(const ConstrainedState& at, 
 }
 
 /// The solution of the linearized problem for a right-hand side b of all coefficients: a = A^-1 b, corrected by y - a for the
-/// coefficients that reach the sets, where (S + D) y = S a. Symmetric in b.
+/// coefficients that reach the sets, where (S + D) y = S a. Symmetric in b. Where points are those that are delivered, they also
+/// move by offsets, and the correction is the response to the forces that both cause.
 Eigen::MatrixXd ConstrainedSolver::linearized_solution(const ConstrainedState& at, const Eigen::MatrixXd& b,
-                                                       const RunContext& context) const {
+                                                       const RunContext& context, const std::vector<Vec3>* offsets) const {
   const auto newton = newton_at(at, context);
+  if (points_.dense() != nullptr) {
+    const Eigen::MatrixXd a = solver_.inverse(b, context);
+    std::vector<Vec3> dx = points_.displacements_of_all(a);
+    for (std::size_t i = 0; offsets != nullptr && i < dx.size(); ++i) dx[i] = dx[i] + (*offsets)[i];
+    // These forces are those of the shapes, which may be much stiffer than the energy: what is left of them counts for the
+    // energy.
+    constexpr int refinements = 2;
+    Eigen::MatrixXd left = -points_.weighted_sums(residual_change(at, dx));
+    Eigen::MatrixXd v = Eigen::MatrixXd::Zero(left.rows(), left.cols());
+    for (int step = 0; step <= refinements; ++step) {
+      const Eigen::MatrixXd change = solve_linearized(at, newton.get(), left, whole_accuracy, context);
+      v += change;
+      left -= reduced_.times(change) + points_.weighted_sums(residual_change(at, points_.displacements(change)));
+    }
+    return a + reduced_.extended(v, context);
+  }
   if (!reduced_.dense()) return solve_linearized(at, newton.get(), b, whole_accuracy, context);
   const Eigen::MatrixXd a = solver_.inverse(b, context), chosen = reduced_.restricted(a);
   const Eigen::MatrixXd y = solve_linearized(at, newton.get(), reduced_.times(chosen), whole_accuracy, context);
   return a + reduced_.extended(y - chosen, context);
 }
 
+/// Adds (I - P')^T G dx, times the sign.
+void ConstrainedSolver::add_to_offsets(const ConstrainedState& at, const std::vector<Vec3>& dx, double sign,
+                                       std::vector<Vec3>& offsets) const {
+  const std::vector<Vec3> change = residual_change(at, dx);
+  for (std::size_t t = 0; t < sets().size(); ++t) {
+    const double factor = sign * points_.weight_per_point(t);
+    for (std::size_t i = points_.first(t); i < points_.first(t + 1); ++i) offsets[i] = offsets[i] + factor * change[i];
+  }
+}
+
 Eigen::MatrixXd ConstrainedSolver::derivative(const ConstrainedResult& at, const Eigen::MatrixXd& dh,
                                               const std::vector<Vec3>& offsets, const RunContext& context) const {
+  const std::vector<Vec3> moved = points_.stretched(offsets);
   Eigen::MatrixXd loads = solver_.loads(dh, context);
-  for (const ConstrainedState& round : at.rounds) {
-    loads += dh - solver_.problem().coupling.transpose() * linearized_solution(round, solver_.right_side(loads), context);
-  }
-  const Eigen::MatrixXd w = linearized_solution(at.after, solver_.right_side(loads), context);
+  const auto solution = [&](const ConstrainedState& round) {
+    return linearized_solution(round, solver_.right_side(loads), context, &moved);
+  };
+  for (const ConstrainedState& round : at.rounds) loads += dh - solver_.problem().coupling.transpose() * solution(round);
+  const Eigen::MatrixXd w = solution(at.after);
   if (solver_.problem().enforcement != HandleEnforcement::eliminated) return w;
   // The effect of the offsets on the distances acts like a force.
-  const Eigen::MatrixXd force = points_.weighted_sums(residual_change(at.after, points_.stretched(offsets)));
+  const Eigen::MatrixXd force = points_.weighted_sums(residual_change(at.after, moved));
   const auto newton = newton_at(at.after, context);
   return w - reduced_.extended(solve_linearized(at.after, newton.get(), force, whole_accuracy, context), context);
 }
 
-/// Without multipliers w = G R dh - E H^-1 Phi^T g (I - P') offsets with a symmetric G. With them (no offsets then) w = G_n R
-/// u_n, u_0 = p(dh) of the unconstrained solution and u_i+1 = u_i + dh - C_i u_i, C_i = B G_i R and R = B^T W at the end of round
-/// i. W C_i is symmetric, so the transpose is W times the same steps backwards, from B G_n g.
+/// Without multipliers w = G R dh - E H^-1 Phi^T g (I - P') offsets with a symmetric G. With them w = G_n (R u_n - F_n offsets),
+/// u_0 = p(dh) of the unconstrained solution and u_i+1 = u_i + dh - B G_i (R u_i - F_i offsets) at the end of round i, with R =
+/// B^T W and, for delivered points, F_i = Phi^T g (I - P'). W C_i with C_i = B G_i R is symmetric, so the transpose with respect
+/// to h is W times the same steps backwards, from B G_n g, and each step gives back its part of the offsets.
 ConstrainedSolver::Adjoint ConstrainedSolver::adjoint(const ConstrainedResult& at, const Eigen::MatrixXd& g,
                                                       const RunContext& context) const {
   const EnergySolver::Problem& problem = solver_.problem();
-  Eigen::MatrixXd x = problem.coupling.transpose() * linearized_solution(at.after, g, context);
+  const bool delivered = points_.dense() != nullptr;
+  Eigen::MatrixXd back = linearized_solution(at.after, g, context);
+  Eigen::MatrixXd x = problem.coupling.transpose() * back;
   Adjoint result{x, std::vector<Vec3>(points_.count(), Vec3{})};
   if (problem.enforcement == HandleEnforcement::eliminated) {
     const auto newton = newton_at(at.after, context);
     const Eigen::MatrixXd b = reduced_.dense() ? reduced_.times(reduced_.restricted(solver_.inverse(g, context))) : g;
-    result.offsets =
-        residual_change(at.after, points_.displacements(solve_linearized(at.after, newton.get(), b, whole_accuracy, context)));
-    for (std::size_t t = 0; t < sets().size(); ++t) {
-      for (std::size_t i = points_.first(t); i < points_.first(t + 1); ++i) {
-        for (double& value : result.offsets[i]) value *= -points_.weight_per_point(t);
-      }
-    }
+    const Eigen::MatrixXd v = solve_linearized(at.after, newton.get(), b, whole_accuracy, context);
+    add_to_offsets(at.after, points_.displacements(v), -1, result.offsets);
     result.offsets = points_.stretched_adjoint(std::move(result.offsets));
     return result;
   }
+  if (delivered) add_to_offsets(at.after, points_.displacements_of_all(back), -1, result.offsets);
   Eigen::MatrixXd sum = Eigen::MatrixXd::Zero(x.rows(), x.cols());
   for (auto round = at.rounds.rbegin(); round != at.rounds.rend(); ++round) {
     sum += x;
-    x -= problem.coupling.transpose() * linearized_solution(*round, solver_.right_side(x), context);
+    back = linearized_solution(*round, solver_.right_side(x), context);
+    x -= problem.coupling.transpose() * back;
+    if (delivered) add_to_offsets(*round, points_.displacements_of_all(back), 1, result.offsets);
   }
   result.h = problem.weights.asDiagonal() * (sum + solver_.loads(x, context));
+  result.offsets = points_.stretched_adjoint(std::move(result.offsets));
   return result;
 }
 

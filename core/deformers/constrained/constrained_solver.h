@@ -79,9 +79,11 @@ class ConstrainedSolver {
     int patience = 0;            ///< iterations before Newton steps; 0 = by cost, 4..150
   };
 
-  /// `values` is n x k, for all points of the mesh. `solver` must outlive this object. Throws as EnergySolver does.
+  /// `values` is n x k, for all points of the mesh. `solver` must outlive this object. `delivered` may be null: then points are
+  /// where the functions have them. Throws as EnergySolver does.
   ConstrainedSolver(const EnergySolver& solver, const FunctionRows& values, std::vector<ConstraintSet> sets,
-                    const Options& options, std::size_t memory_limit, const RunContext& context);
+                    const Options& options, std::size_t memory_limit, const RunContext& context,
+                    const DeliveredRows* delivered = nullptr);
 
   const std::vector<ConstraintSet>& sets() const { return points_.sets(); }
   std::size_t bytes() const;
@@ -91,9 +93,9 @@ class ConstrainedSolver {
   /// The points of the mesh of a set in a state.
   std::vector<Vec3> mesh_points(std::size_t set, const ConstrainedState& at) const { return points_.mesh_points(set, at.points); }
 
-  /// h: m x 3 prescribed displacements of EnergySolver. offsets: N displacements of the points of the sets, nonzero only where
-  /// all functions vanish (eliminated handle and fixed points). start: that of a similar design, or null; used if it is better
-  /// than the unconstrained deformation.
+  /// h: m x 3 prescribed displacements of EnergySolver. offsets: N displacements of the points of the sets that come on top of
+  /// those of the functions, nonzero only for eliminated handle and fixed points and with DeliveredRows. start: that of a similar
+  /// design, or null; used if it is better than the unconstrained deformation.
   ConstrainedResult solve(const Eigen::MatrixXd& h, const std::vector<Vec3>& offsets, const RunContext& context,
                           const ConstrainedStart* start = nullptr) const;
 
@@ -134,15 +136,18 @@ class ConstrainedSolver {
   Eigen::MatrixXd gradient(const ConstrainedState& at) const;
   NewtonMatrix newton_at(const ConstrainedState& at, const RunContext& context) const;
   std::vector<Vec3> residual_change(const ConstrainedState& at, const std::vector<Vec3>& dx) const;
+  void add_to_offsets(const ConstrainedState& at, const std::vector<Vec3>& dx, double sign, std::vector<Vec3>& offsets) const;
   Eigen::MatrixXd solve_linearized(const ConstrainedState& at, const GaussNewton::Matrix* newton, const Eigen::MatrixXd& b,
                                    double accuracy, const RunContext& context, int most = 1000,
                                    GradientsEnd* end = nullptr) const;
-  Eigen::MatrixXd linearized_solution(const ConstrainedState& at, const Eigen::MatrixXd& b, const RunContext& context) const;
+  Eigen::MatrixXd linearized_solution(const ConstrainedState& at, const Eigen::MatrixXd& b, const RunContext& context,
+                                      const std::vector<Vec3>* offsets = nullptr) const;
 
   static constexpr int rounds = 3;  ///< of the method of multipliers: one more than the updates of the loads
 
   const EnergySolver& solver_;
   const Options options_;
+  Eigen::MatrixXd delivered_values_;  ///< of a basis, until the points have them
   const ReducedEnergy reduced_;
   const ConstrainedPoints points_;
   const GlobalStep global_step_;

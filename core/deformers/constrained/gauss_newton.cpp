@@ -2,6 +2,7 @@
 #include "core/deformers/constrained/gauss_newton.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <utility>
 
@@ -31,6 +32,7 @@ GaussNewton::GaussNewton(const ConstrainedPoints& points, const ReducedEnergy& e
   sizes.dense = energy_.dense();
   sizes.factor_bytes = global_step.bytes();
   sizes.factor_operations = global_step.flops();
+  if (const DenseRows* rows = points_.dense()) sizes.dense_points = static_cast<std::size_t>(rows->values().rows());
   const NewtonChoice choice = cheapest_newton(sizes, memory_limit);
   form_ = choice.form;
   operations_ = choice.operations;
@@ -46,6 +48,17 @@ GaussNewton::GaussNewton(const ConstrainedPoints& points, const ReducedEnergy& e
 
 /// Columns are independent of each other: the same for any number of threads.
 void GaussNewton::prepare_compliance(const RunContext& context) {
+  if (const DenseRows* rows = points_.dense()) {
+    Eigen::MatrixXd X = rows->values().transpose();
+    parallel_for(context, static_cast<std::size_t>(X.cols()), columns_per_task, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t i = begin; i < end; ++i) energy_.solve_in_place(X.col(static_cast<Eigen::Index>(i)));
+    });
+    const Eigen::MatrixXd at_rows = rows->values() * X;
+    const SparseMatrix across = rows->spread().transpose();
+    const Eigen::MatrixXd spread = rows->spread() * at_rows;
+    compliance_ = spread * across;
+    return;
+  }
   const SparseRows& phi = points_.phi();
   const auto N = static_cast<Eigen::Index>(points_.count());
   compliance_.resize(N, N);
@@ -144,13 +157,17 @@ void GaussNewton::Matrix::factor_full() {
 void GaussNewton::Matrix::make_full(const RunContext& context) {
   context.check();
   full_ = Eigen::MatrixXd::Zero(size_, size_);
-  for_each_row([&](const Row& row) {
-    for (std::size_t j = 0; j < row.columns.size(); ++j) {
-      if (row.values[j] == 0) continue;
-      double* column = full_.col(row.columns[j]).data();
-      for (std::size_t i = 0; i < row.columns.size(); ++i) column[row.columns[i]] += row.values[i] * row.values[j];
-    }
-  });
+  if (points_.dense() != nullptr) {
+    add_dense_rows(context);
+  } else {
+    for_each_row([&](const Row& row) {
+      for (std::size_t j = 0; j < row.columns.size(); ++j) {
+        if (row.values[j] == 0) continue;
+        double* column = full_.col(row.columns[j]).data();
+        for (std::size_t i = 0; i < row.columns.size(); ++i) column[row.columns[i]] += row.values[i] * row.values[j];
+      }
+    });
+  }
   const double largest = std::max(full_.diagonal().maxCoeff(), 1e-300);
   for (std::int64_t q = functions_; q < size_; ++q) full_(q, q) += damping * largest;
   const SparseMatrix& S = common_.energy_.matrix();
@@ -161,6 +178,62 @@ void GaussNewton::Matrix::make_full(const RunContext& context) {
   }
   factor_full();
   context.check();
+}
+
+/// With Phi = P V and the distances N of points along their normals, weighted: V^T Q_ab V for all pairs of coordinates, where
+/// Q_ab = (N_a P)^T N_b P is sparse, and V^T (N_a P)^T times the derivatives with respect to the parameters. Lower triangle.
+void GaussNewton::Matrix::add_dense_rows(const RunContext& context) {
+  const DenseRows& phi = *points_.dense();
+  const std::int64_t parameters = size_ - functions_;
+  std::array<std::vector<Entry>, 3> along;
+  std::vector<Entry> shapes;
+  std::int64_t row = 0;
+  for_each_distance([&](std::size_t t, std::size_t r, Eigen::Index) {
+    const Linearization& linear = linear_[t];
+    const double root = std::sqrt(points_.weight_per_point(t));
+    const auto add = [&](std::size_t point, const Vec3& normal) {
+      for (SparseRows::InnerIterator it(phi.spread(), static_cast<std::int64_t>(point)); it; ++it) {
+        for (std::size_t a = 0; a < 3; ++a) {
+          if (normal[a] != 0) along[a].emplace_back(row, it.col(), root * it.value() * normal[a]);
+        }
+      }
+    };
+    add(points_.first(t) + r / linear.rows_per_point, linear.normals[r]);
+    if (!linear.partners.empty()) add(points_.first(t) + linear.partners[r], linear.partner_normals[r]);
+    for (Eigen::Index q = 0; q < linear.parameters.cols(); ++q) {
+      const double value = root * linear.parameters(static_cast<Eigen::Index>(r), q);
+      if (value != 0) shapes.emplace_back(row, first_column_[t] - functions_ + q, value);
+    }
+    ++row;
+  });
+  SparseMatrix by_shapes(row, parameters);
+  by_shapes.setFromTriplets(shapes.begin(), shapes.end());
+  std::array<SparseMatrix, 3> J;
+  for (std::size_t a = 0; a < 3; ++a) {
+    J[a].resize(row, phi.values().rows());
+    J[a].setFromTriplets(along[a].begin(), along[a].end());
+  }
+  using Stride = Eigen::Stride<Eigen::Dynamic, Eigen::Dynamic>;
+  const Eigen::Index r = functions_ / 3, size = full_.rows();
+  for (std::size_t a = 0; a < 3; ++a) {
+    context.check();
+    const SparseMatrix across = J[a].transpose();
+    for (std::size_t b = 0; b < 3; ++b) {
+      const auto i = static_cast<Eigen::Index>(a), j = static_cast<Eigen::Index>(b);
+      Eigen::Map<Eigen::MatrixXd, 0, Stride> block(full_.data() + i + j * size, r, r, Stride(3 * size, 3));
+      if (b < a) {
+        block = Eigen::Map<Eigen::MatrixXd, 0, Stride>(full_.data() + j + i * size, r, r, Stride(3 * size, 3)).transpose();
+      } else {
+        block = phi.product(SparseMatrix(across * J[b]));
+      }
+    }
+    const Eigen::MatrixXd mixed = transposed_product(phi.values(), Eigen::MatrixXd(SparseMatrix(across * by_shapes)));
+    for (Eigen::Index j = 0; j < r; ++j) {
+      full_.row(3 * j + static_cast<Eigen::Index>(a)).tail(parameters) = mixed.row(j);
+      full_.col(3 * j + static_cast<Eigen::Index>(a)).tail(parameters) = mixed.row(j).transpose();
+    }
+  }
+  full_.bottomRightCorner(parameters, parameters) = Eigen::MatrixXd(SparseMatrix(by_shapes.transpose()) * by_shapes);
 }
 
 void GaussNewton::Matrix::make_sparse(const RunContext& context) {
@@ -276,7 +349,12 @@ Eigen::VectorXd GaussNewton::Matrix::forces_of(Eigen::VectorXd distances) const 
 
 Eigen::MatrixXd GaussNewton::Matrix::pushed_by(const Eigen::VectorXd& forces) const {
   Eigen::MatrixXd b = Eigen::MatrixXd::Zero(functions_ / 3, 3);
+  std::vector<Vec3> at_points(points_.dense() != nullptr ? points_.count() : 0, Vec3{});
   const auto add = [&](std::size_t point, const Vec3& normal, double force) {
+    if (points_.dense() != nullptr) {
+      at_points[point] = at_points[point] + force * normal;
+      return;
+    }
     for (SparseRows::InnerIterator it(points_.phi(), static_cast<std::int64_t>(point)); it; ++it) {
       for (Eigen::Index k = 0; k < 3; ++k) b(it.col(), k) += it.value() * force * normal[static_cast<std::size_t>(k)];
     }
@@ -286,6 +364,7 @@ Eigen::MatrixXd GaussNewton::Matrix::pushed_by(const Eigen::VectorXd& forces) co
     add(points_.first(t) + r / linear.rows_per_point, linear.normals[r], forces[row]);
     if (!linear.partners.empty()) add(points_.first(t) + linear.partners[r], linear.partner_normals[r], forces[row]);
   });
+  if (points_.dense() != nullptr) b = points_.dense()->transposed_times(at_points);
   common_.energy_.solve_in_place(b);
   return b;
 }

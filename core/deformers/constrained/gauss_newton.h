@@ -76,6 +76,7 @@ class GaussNewton::Matrix {
   void factor_full();
   void make_forces(const RunContext& context);
   void make_full(const RunContext& context);
+  void add_dense_rows(const RunContext& context);
   void make_sparse(const RunContext& context);
   /// The forces f for given distances (one per row), and the resulting change of the coefficients, S^-1 J^T f.
   Eigen::VectorXd forces_of(Eigen::VectorXd distances) const;

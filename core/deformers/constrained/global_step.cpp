@@ -18,6 +18,7 @@ GlobalStep::GlobalStep(const ConstrainedPoints& points, const ReducedEnergy& ene
 
 /// Column by column, once to count and once to fill, so that nothing larger than the matrix is held.
 SparseMatrix GlobalStep::matrix(std::int64_t size) const {
+  if (const DenseRows* phi = points_.dense()) return dense_matrix(*phi, size);
   const SparseMatrix& weighted = points_.weighted_transposed();
   const SparseMatrix phi(points_.phi());  // by columns
   std::vector<std::int64_t> translation_of;
@@ -53,6 +54,42 @@ SparseMatrix GlobalStep::matrix(std::int64_t size) const {
     if (translation_[t] >= 0) result.insert(translation_[t], translation_[t]) = points_.sets()[t].weight;
   }
   result.makeCompressed();
+  return result;
+}
+
+SparseMatrix GlobalStep::dense_matrix(const DenseRows& phi, std::int64_t size) const {
+  SparseRows weighted = phi.spread();  // G P
+  Eigen::MatrixXd borders = Eigen::MatrixXd::Zero(size - phi.values().cols(), phi.values().cols());
+  for (std::size_t t = 0; t < translation_.size(); ++t) {
+    const double weight = points_.weight_per_point(t);
+    Eigen::VectorXd sum = Eigen::VectorXd::Zero(phi.values().rows());  // P^T G 1 of the set
+    for (std::size_t i = points_.first(t); i < points_.first(t + 1); ++i) {
+      for (SparseRows::InnerIterator it(weighted, static_cast<std::int64_t>(i)); it; ++it) {
+        it.valueRef() *= weight;
+        sum[it.col()] += it.value();
+      }
+    }
+    if (translation_[t] >= 0) borders.row(translation_[t] - phi.values().cols()) = -(phi.values().transpose() * sum).transpose();
+  }
+  Eigen::MatrixXd H = phi.product(SparseMatrix(SparseMatrix(phi.spread().transpose()) * SparseMatrix(weighted)));
+  for (std::int64_t j = 0; j < H.cols(); ++j) {
+    for (SparseMatrix::InnerIterator it(energy_.matrix(), j); it; ++it) H(it.row(), j) += it.value();
+  }
+  SparseMatrix result(size, size);
+  result.reserve(H.cols() * (H.cols() + 1) / 2 + borders.size() + borders.rows());
+  for (std::int64_t j = 0; j < H.cols(); ++j) {
+    result.startVec(j);
+    for (std::int64_t i = j; i < H.rows(); ++i) result.insertBack(i, j) = H(i, j);
+    for (std::int64_t i = 0; i < borders.rows(); ++i) {
+      if (borders(i, j) != 0) result.insertBack(H.rows() + i, j) = borders(i, j);
+    }
+  }
+  for (std::size_t t = 0; t < translation_.size(); ++t) {
+    if (translation_[t] < 0) continue;
+    result.startVec(translation_[t]);
+    result.insertBack(translation_[t], translation_[t]) = points_.sets()[t].weight;
+  }
+  result.finalize();
   return result;
 }
 

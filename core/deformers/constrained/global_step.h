@@ -32,6 +32,7 @@ class GlobalStep {
 
  private:
   SparseMatrix matrix(std::int64_t size) const;
+  SparseMatrix dense_matrix(const DenseRows& phi, std::int64_t size) const;
 
   const ConstrainedPoints& points_;
   const ReducedEnergy& energy_;

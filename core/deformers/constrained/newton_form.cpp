@@ -33,10 +33,14 @@ NewtonChoice cheapest_newton(const NewtonSizes& sizes, std::size_t memory_limit)
   const double solution = solution_cost * static_cast<double>(sizes.factor_bytes) / sizeof(double);
   const double bytes = (N * N + rows * rows) * sizeof(double);
   const bool fits = memory_limit == 0 || bytes <= static_cast<double>(memory_limit) / 2;
-  const bool in_forces_too = fits && N * solution <= affordable_compliance && sizes.rows <= most_forces;
+  // Dense rows: V S^-1 V^T and its spreading to all points, or V^T Q V for six pairs of coordinates.
+  const auto u = static_cast<double>(sizes.dense_points), r = static_cast<double>(sizes.functions);
+  const bool dense_rows = sizes.dense_points > 0;
+  const double compliance = dense_rows ? u * solution + 2 * u * u * r : N * solution;
+  const bool in_forces_too = fits && compliance <= affordable_compliance && sizes.rows <= most_forces;
   const double in_forces = in_forces_too ? cube(sizes.rows) : HUGE_VAL;
-  const double full = sizes.dense && size <= most_full ? cube(size) : HUGE_VAL;
-  const double sparse = sizes.dense ? HUGE_VAL : sparse_newton_cost * sizes.factor_operations;
+  const double full = (sizes.dense || dense_rows) && size <= most_full ? cube(size) + 12 * u * r * r : HUGE_VAL;
+  const double sparse = sizes.dense || dense_rows ? HUGE_VAL : sparse_newton_cost * sizes.factor_operations;
   const double least = std::min({in_forces, full, sparse});
   if (least > affordable_newton) return {};
   return {least == in_forces ? NewtonForm::forces : least == full ? NewtonForm::full : NewtonForm::sparse, least};

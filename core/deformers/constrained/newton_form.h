@@ -34,6 +34,7 @@ struct NewtonSizes {
   std::size_t jacobian = 0;      ///< entries of the derivative of the distances with respect to the parameters
   std::size_t functions = 0;     ///< r
   bool dense = false;            ///< ReducedEnergy::dense()
+  std::size_t dense_points = 0;  ///< rows of V if all functions reach all points (DenseRows), else 0
   std::size_t factor_bytes = 0;  ///< factor of the matrix of the global step
   double factor_operations = 0;  ///< operations of this factorization
 

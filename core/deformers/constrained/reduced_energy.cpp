@@ -5,6 +5,10 @@
 #include <numeric>
 #include <utility>
 
+#include "core/base/parallel.h"
+#include "core/deformers/constrained/dense_rows.h"
+#include "core/numerics/dense/lapack.h"
+
 namespace deform {
 
 namespace {
@@ -78,6 +82,42 @@ ReducedEnergy::ReducedEnergy(const EnergySolver& solver, std::vector<std::int64_
   factor_ = std::make_unique<const SparseCholesky>(EnergySolver::factored(matrix_, memory_limit, context));
 }
 
+bool ReducedEnergy::affordable_basis(std::size_t points, std::size_t functions, std::size_t factor_entries) {
+  constexpr double most_operations = 4e11;
+  const auto u = static_cast<double>(points), k = static_cast<double>(functions);
+  return points <= most_points && u * (4 * static_cast<double>(factor_entries) + 2 * u * k) <= most_operations;
+}
+
+/// With C = V A^-1 V^T = L L^T, of which the pivoted factor has the first rows L_1 at the pivots, W = A^-1 V_1^T L_1^-T has the
+/// energy I, and V W = L. As rounding grows with the condition of L_1, energy and values are computed from W.
+ReducedEnergy::ReducedEnergy(const EnergySolver& solver, const Eigen::MatrixXd& V, std::size_t memory_limit,
+                             const RunContext& context)
+    : solver_(solver), dense_(true) {
+  constexpr std::size_t columns_per_task = 64;
+  constexpr double negligible = 1e-14;  // of the largest response
+  Eigen::MatrixXd X = V.transpose();    // A^-1 V^T
+  parallel_for(context, static_cast<std::size_t>(X.cols()), columns_per_task, [&](std::size_t begin, std::size_t end) {
+    solver_.factor().solve_together_in_place(
+        X.middleCols(static_cast<Eigen::Index>(begin), static_cast<Eigen::Index>(end - begin)));
+  });
+  lapack::use_one_thread();
+  const auto u = static_cast<int>(V.rows()), k = static_cast<int>(V.cols());
+  Eigen::MatrixXd C(u, u);
+  cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, u, u, k, 1.0, V.data(), u, X.data(), k, 0.0, C.data(), u);
+  context.check();
+  const double tolerance = negligible * C.diagonal().maxCoeff();
+  std::vector<int> pivots(static_cast<std::size_t>(u));
+  std::vector<double> work(2 * static_cast<std::size_t>(u));
+  int rank = 0, info = 0;
+  dpstrf_("L", &u, C.data(), &u, pivots.data(), &rank, &tolerance, work.data(), &info);
+  basis_.resize(k, rank);
+  for (int i = 0; i < rank; ++i) basis_.col(i) = X.col(pivots[static_cast<std::size_t>(i)] - 1);
+  cblas_dtrsm(CblasColMajor, CblasRight, CblasLower, CblasTrans, CblasNonUnit, k, rank, 1.0, C.data(), u, basis_.data(), k);
+  const Eigen::MatrixXd forces = solver_.matrix().selfadjointView<Eigen::Lower>() * basis_;
+  matrix_ = lower_of(transposed_product(basis_, forces));
+  factor_ = std::make_unique<const SparseCholesky>(EnergySolver::factored(matrix_, memory_limit, context));
+}
+
 /// The lower triangle, and its factor: one block.
 std::size_t ReducedEnergy::dense_bytes(std::size_t chosen) {
   const std::size_t lower = chosen * (chosen + 1) / 2 * (sizeof(double) + sizeof(std::int64_t));
@@ -101,7 +141,8 @@ SparseCholesky::Estimate ReducedEnergy::estimate(const SparseMatrix& matrix, con
 }
 
 std::size_t ReducedEnergy::bytes() const {
-  return dense_ ? sparse_bytes(matrix_) + factor_->bytes() + functions_.size() * sizeof(std::int64_t) : 0;
+  const std::size_t basis = static_cast<std::size_t>(basis_.size()) * sizeof(double);
+  return dense_ ? sparse_bytes(matrix_) + factor_->bytes() + functions_.size() * sizeof(std::int64_t) + basis : 0;
 }
 
 Eigen::MatrixXd ReducedEnergy::restricted(const Eigen::MatrixXd& w) const {
@@ -117,13 +158,18 @@ void ReducedEnergy::solve_in_place(Eigen::Ref<Eigen::MatrixXd> b) const {
   (dense_ ? *factor_ : solver_.factor()).solve_in_place(b);
 }
 
+Eigen::MatrixXd ReducedEnergy::spread(const Eigen::MatrixXd& v) const {
+  if (!dense_) return v;
+  if (basis_.size() > 0) return basis_ * v;
+  Eigen::MatrixXd result = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(solver_.unknowns()), v.cols());
+  for (std::size_t i = 0; i < size(); ++i) result.row(functions_[i]) = v.row(static_cast<Eigen::Index>(i));
+  return result;
+}
+
 /// Returns A^-1 E S v: the response of all coefficients to the forces that hold the chosen ones.
 Eigen::MatrixXd ReducedEnergy::extended(const Eigen::MatrixXd& v, const RunContext& context) const {
   if (!dense_) return v;
-  const Eigen::MatrixXd forces = times(v);
-  Eigen::MatrixXd b = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(solver_.unknowns()), v.cols());
-  for (std::size_t i = 0; i < size(); ++i) b.row(functions_[i]) = forces.row(static_cast<Eigen::Index>(i));
-  return solver_.inverse(std::move(b), context);
+  return basis_.size() > 0 ? spread(v) : solver_.inverse(spread(times(v)), context);
 }
 
 }  // namespace deform

@@ -53,6 +53,7 @@ struct Sizes {
   double entries = 0;             ///< of the matrix of the energy
   SparseCholesky::Estimate factor;
   ConstrainedBytes constrained;
+  std::size_t delivered_points = 0, delivered_functions = 0;  ///< of DeliveredRows
 };
 
 /// The input of the estimates of spaces.
@@ -60,7 +61,16 @@ struct Case {
   const Mesh& mesh;
   const ConstraintPoints& points;
   const std::vector<ConstraintSet>& sets;
+  bool delivered = false;  ///< whether constraints are for the points with the correction
 };
+
+DeliveredRows delivered_points(const Case& of) {
+  DeliveredRows result;
+  std::vector<bool> held(of.points.region_of.size());
+  for (std::size_t i = 0; i < held.size(); ++i) held[i] = of.points.region_of[i] != deformable_region;
+  result.take_points(of.sets, held);
+  return result;
+}
 
 /// The factor of a shell depends on how its surface is connected: ordered, not factored.
 Sizes sizes_of(const ShellOptions& options, const Case& of, Estimate& estimate) {
@@ -94,7 +104,19 @@ Sizes sizes_of(const FfdOptions& options, const Case& of, Estimate& estimate) {
   Sizes sizes;
   const EnergyModel model = lattice_model(of.mesh, options, of.points.region_of, {});
   sizes.factor = SparseCholesky::estimate(model.space.energy);
-  sizes.constrained = constrained_bytes(model.space.energy, model.space.functions(), of.sets);
+  DeliveredRows delivered;
+  if (of.delivered) {
+    delivered = delivered_points(of);
+    for (const PointId id : model.held) {
+      model.space.functions().for_each(id, [&](std::int64_t column, double) { delivered.functions.push_back(column); });
+    }
+    std::sort(delivered.functions.begin(), delivered.functions.end());
+    delivered.functions.erase(std::unique(delivered.functions.begin(), delivered.functions.end()), delivered.functions.end());
+    sizes.delivered_points = delivered.ids.size();
+    sizes.delivered_functions = delivered.functions.size();
+  }
+  sizes.constrained =
+      constrained_bytes(model.space.energy, model.space.functions(), of.sets, of.delivered ? &delivered : nullptr);
   const std::size_t energy = sparse_bytes(model.space.energy);
   sizes.held = model.held.size();
   std::size_t entries = 0;
@@ -149,7 +171,11 @@ Sizes sizes_of(const Options& options, const Case& of, Estimate& estimate) {
   sizes.factor.peak_bytes = 2 * sizes.factor.factor_bytes;
   sizes.factor.flops =
       static_cast<double>(entries) * static_cast<double>(entries) / static_cast<double>(std::max<std::size_t>(1, k));
-  sizes.constrained = constrained_bytes({k, space.cover, space.energy_entries, entries, most_reaching(options, of)}, of.sets);
+  const std::size_t delivered = of.delivered ? delivered_points(of).points() : 0;
+  sizes.delivered_points = delivered;
+  sizes.delivered_functions = of.delivered ? k : 0;
+  sizes.constrained =
+      constrained_bytes({k, space.cover, space.energy_entries, entries, most_reaching(options, of), delivered}, of.sets);
   estimate.samples = k;
   return sizes;
 }
@@ -258,7 +284,11 @@ Estimate estimate_of(const Options& options, const Mesh& mesh, const Setup& setu
   Estimate estimate;
   estimate.constraint_points = constrained_points.count;
   const std::size_t following = hard ? constrained_points.deformable.size() : mesh.point_count();
-  Sizes sizes = sizes_of(options, Case{mesh, constrained_points, constraints.sets}, estimate);
+  const bool columns = std::all_of(constraints.sets.begin(), constraints.sets.end(),
+                                   [](const ConstraintSet& set) { return set.column != nullptr; });  // or none
+  const bool joins =
+      hard && options.misfit == MisfitRule::joins && !columns && setup.constraint_options.exact_steps == ExactSteps::joins;
+  Sizes sizes = sizes_of(options, Case{mesh, constrained_points, constraints.sets, joins}, estimate);
   estimate.notes.insert(estimate.notes.end(), constraints.notes.begin(), constraints.notes.end());
 
   const std::vector<PointId> held =
@@ -308,7 +338,11 @@ Estimate estimate_of(const Options& options, const Mesh& mesh, const Setup& setu
   const bool multipliers = hard && !sizes.eliminated;
   const HeldWork work{(basis ? fields : 0) + (multipliers ? 1 : 0), centres, basis ? following : 0,
                       multipliers ? EnergySolver::multiplier_steps : 1};
-  estimate.seconds = (sizes.factor.flops + sizes.constrained.operations) / nominal_rate + factor_bytes * 5e-9 +
+  // What is interpolated of every function at the points of the sets.
+  const double interpolating =
+      static_cast<double>(sizes.delivered_functions) * static_cast<double>(centres) *
+      (per_term * static_cast<double>(sizes.delivered_points) / thread_count({}) + 2e-10 * static_cast<double>(centres));
+  estimate.seconds = interpolating + (sizes.factor.flops + sizes.constrained.operations) / nominal_rate + factor_bytes * 5e-9 +
                      held_seconds(sizes, work) + sizes.constrained.seconds + static_cast<double>(sizes.assembly) * 1e-8;
   if (!basis && setup.constraints.empty()) {
     estimate.notes.push_back("No handle basis will be stored: every design is solved for.");

@@ -50,7 +50,7 @@ EnergyEvaluation::EnergyEvaluation(std::shared_ptr<const EnergySystem> system, c
     return;
   }
   const double D = system_.box_.scale;
-  const auto change = system_.prescribed(designs_[0], kind_);
+  const auto change = system_.prescribed(designs_[0], kind_, context);
   const Eigen::MatrixXd w = system_.constrained_->derivative(at.result, change.h, change.offsets, context);
   solutions_[0] = system_.completed(change.h * D, w * D, context);
   EnergySystem::Solution& solution = solutions_[0];
@@ -62,7 +62,7 @@ EnergyEvaluation::EnergyEvaluation(std::shared_ptr<const EnergySystem> system, c
 
 void EnergyEvaluation::solve(const RunContext& context) {
   for_each_direct(context, [&](std::size_t i) {
-    solutions_[i] = system_.solve(system_.prescribed(designs_[i], kind_).h * system_.box_.scale, context);
+    solutions_[i] = system_.solve(system_.prescribed(designs_[i], kind_, context).h * system_.box_.scale, context);
     report_misfit(i);
     const auto error = [&](std::size_t c) { return system_.error(solutions_[i], c); };
     set_error(i, norm({error(0), error(1), error(2)}));
@@ -76,7 +76,7 @@ void EnergyEvaluation::report_misfit(std::size_t design) {
 
 void EnergyEvaluation::solve_constrained(std::size_t design, WarmStart* warm, const RunContext& context) {
   const double D = system_.box_.scale;
-  const auto to = system_.prescribed(designs_[design], kind_);
+  const auto to = system_.prescribed(designs_[design], kind_, context);
   const auto* start = warm != nullptr ? static_cast<const ConstrainedStart*>(warm->state.get()) : nullptr;
   const ConstrainedResult result = system_.constrained_->solve(to.h, to.offsets, context, start);
   if (warm != nullptr) warm->state = std::make_shared<const ConstrainedStart>(result.start());
@@ -119,7 +119,7 @@ void EnergyEvaluation::measure_constraints(std::size_t design, const Constrained
   std::vector<Vec3> before;
   if (system_.correction_ ||
       std::any_of(sets.begin(), sets.end(), [](const ConstraintSet& set) { return set.column != nullptr; })) {
-    const auto to = system_.prescribed(designs_[design], kind_);
+    const auto to = system_.prescribed(designs_[design], kind_, context);
     before = system_.set_points(system_.completed(to.h * D, result.free * D, context), designs_[design], kind_);
   }
   std::vector<ConstraintReport>& reports = reports_[design].constraints;

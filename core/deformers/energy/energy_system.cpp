@@ -141,8 +141,12 @@ void EnergySystem::prepare_constraints(ConstraintSets constraints, const RunCont
   ConstrainedSolver::Options options;
   options.tolerance = setup_.constraint_options.tolerance;
   options.most_iterations = setup_.constraint_options.iterations;
-  constrained_ = std::make_unique<const ConstrainedSolver>(*solver_, model_.space.functions(), std::move(constraints.sets),
-                                                           options, limit, context);
+  {
+    const std::optional<DeliveredRows> delivered = delivered_rows(constraints.sets, context);
+    delivered_ = delivered.has_value();
+    constrained_ = std::make_unique<const ConstrainedSolver>(*solver_, model_.space.functions(), std::move(constraints.sets),
+                                                             options, limit, context, delivered ? &*delivered : nullptr);
+  }
   std::vector<std::size_t> each(frames_.size());
   std::iota(each.begin(), each.end(), std::size_t{0});
   linear_error_ = solve(shifted_handles(each), context).errors[0];
@@ -151,6 +155,33 @@ void EnergySystem::prepare_constraints(ConstraintSets constraints, const RunCont
   std::vector<Vec3> places;
   for (const ConstraintSet& set : constrained_->sets()) places.insert(places.end(), set.rest.begin(), set.rest.end());
   set_places_ = TiledPoints(places);
+}
+
+/// For constraints on the points that are delivered: what the correction does to them. Stored systems and those of too many
+/// points and functions have none, and meet constraints before the correction.
+std::optional<DeliveredRows> EnergySystem::delivered_rows(const std::vector<ConstraintSet>& sets, const RunContext& context) {
+  const bool columns = std::all_of(sets.begin(), sets.end(), [](const ConstraintSet& set) { return set.column != nullptr; });
+  const bool stored = options_.misfit != MisfitRule::joins || setup_.constraint_options.exact_steps != ExactSteps::joins;
+  if (!correction_ || columns || stored) return {};
+  std::vector<bool> prescribed(mesh_->point_count());
+  for (std::size_t i = 0; i < prescribed.size(); ++i) prescribed[i] = is_prescribed(static_cast<PointId>(i));
+  DeliveredRows result;
+  result.take_points(sets, prescribed);
+  const SparseRows misfits(solver_->problem().coupling);
+  for (std::int64_t j = 0; j < misfits.rows(); ++j) {
+    if (misfits.outerIndexPtr()[j] < misfits.outerIndexPtr()[j + 1]) result.functions.push_back(j);
+  }
+  const std::size_t reaching = functions_reaching(model_.space.functions(), sets, &result).size();
+  const std::size_t factor_entries = solver_->factor().bytes() / sizeof(double);
+  if (DeliveredRows::form(result.points(), reaching, solver_->unknowns(), factor_entries) == DeliveredRows::Form::none) {
+    model_.space.notes.push_back("Constraints of " + std::to_string(result.points()) + " points with " +
+                                 std::to_string(solver_->unknowns()) +
+                                 " functions are solved for without what is interpolated of the misfit at the handles, which may "
+                                 "move their points off the shapes again.");
+    return {};
+  }
+  result.interpolated = correction_->values(misfits, result.functions, unit_places(*mesh_, box_, result.ids), context);
+  return result;
 }
 
 /// Those that follow the solution of a design.
@@ -240,7 +271,7 @@ std::vector<Vec3> EnergySystem::layer_points(const std::vector<Vec3>& of_sets) c
   return result;
 }
 
-EnergySystem::Prescribed EnergySystem::prescribed(const BoundDesign& design, MotionKind kind) const {
+EnergySystem::Prescribed EnergySystem::prescribed(const BoundDesign& design, MotionKind kind, const RunContext& context) const {
   const HeldPoints points = held();
   const auto displacement = [&](PointId id) {
     const Vec3 u = points.displacement(design, id, kind);
@@ -252,12 +283,37 @@ EnergySystem::Prescribed EnergySystem::prescribed(const BoundDesign& design, Mot
     for (std::size_t k = 0; k < 3; ++k) result.h(static_cast<Eigen::Index>(j), static_cast<Eigen::Index>(k)) = u[k];
   }
   if (!constrained_) return result;
+  if (delivered_) result.offsets = offsets_of(result.h, context);
+  std::size_t i = 0;
   for (const ConstraintSet& set : constrained_->sets()) {
     for (const PointId id : set.ids) {
-      const bool is_held = model_.eliminated && points_.region_of[id] != deformable_region;
-      result.offsets.push_back(is_held ? displacement(id) : Vec3{});
+      const bool is_held = (model_.eliminated || is_delivered(set)) && points_.region_of[id] != deformable_region;
+      if (!delivered_) result.offsets.emplace_back(Vec3{});
+      if (is_held) result.offsets[i] = displacement(id);
+      if (!is_held && !is_delivered(set)) result.offsets[i] = {};
+      ++i;
     }
   }
+  return result;
+}
+
+/// What the correction makes of h at the points of the sets: their displacements when all functions are zero.
+std::vector<Vec3> EnergySystem::offsets_of(const Eigen::MatrixXd& h, const RunContext& context) const {
+  const RowMajorMatrix coefficients = correction_->coefficients(h, context);
+  std::size_t count = 0;
+  for (const ConstraintSet& set : constrained_->sets()) count += set.ids.size();
+  std::vector<Vec3> result(count);
+  constexpr std::size_t tiles_per_task = 16;
+  parallel_for(context, set_places_.tiles(), tiles_per_task, [&](std::size_t begin, std::size_t end) {
+    double values[3 * tile_size];
+    for (std::size_t t = begin; t < end; ++t) {
+      std::fill_n(values, 3 * tile_size, 0.0);
+      correction_->add_values(set_places_.tile(t), coefficients.data(), 3, values);
+      for (std::size_t i = t * tile_size; i < std::min((t + 1) * tile_size, count); ++i) {
+        for (std::size_t k = 0; k < 3; ++k) result[i][k] = values[k * tile_size + i % tile_size];
+      }
+    }
+  });
   return result;
 }
 
@@ -299,7 +355,8 @@ Eigen::MatrixXd EnergySystem::at_samples(const EnergyField& field) const {
   return result;
 }
 
-/// At the points of the sets without the correction, which is for the points next to the handles.
+/// At the points of the sets without the correction, which is for the points next to the handles, unless they are solved for with
+/// it.
 double EnergySystem::largest_displacement(const Eigen::MatrixXd& w, const RunContext& context) const {
   EnergyField field{w, {}};
   if (correction_) {
@@ -310,9 +367,18 @@ double EnergySystem::largest_displacement(const Eigen::MatrixXd& w, const RunCon
   const Eigen::MatrixXd samples = at_samples(field);
   for (Eigen::Index i = 0; i < samples.rows(); ++i) largest = std::max(largest, samples.row(i).norm());
   const FunctionRows functions = model_.space.functions();
+  std::vector<double> values(3 * tile_size, 0.0);
+  std::size_t i = 0;
   for (const ConstraintSet& set : constrained_->sets()) {
     for (const PointId id : set.ids) {
+      if (delivered_ && i % tile_size == 0) {
+        std::fill(values.begin(), values.end(), 0.0);
+        correction_->add_values(set_places_.tile(i / tile_size), field.correction.data(), 3, values.data());
+      }
+      const std::size_t slot = i++ % tile_size;
+      if (is_delivered(set) && is_prescribed(id)) continue;
       Eigen::RowVector3d u = Eigen::RowVector3d::Zero();
+      if (is_delivered(set)) u << values[slot], values[tile_size + slot], values[2 * tile_size + slot];
       functions.for_each(id, [&](std::int64_t column, double value) { u += value * field.w.row(column); });
       largest = std::max(largest, u.norm());
     }
@@ -497,7 +563,7 @@ std::unique_ptr<const Evaluation> EnergySystem::bind_sequence(std::span<const De
 EnergySystem::Constrained EnergySystem::constrained_at(std::span<const double> variables, const RunContext& context) const {
   const Design design{{variables.begin(), variables.end()}, {}};
   const BoundDesign bound = held().bound(design, 0);
-  const Prescribed to = prescribed(bound, MotionKind::position);
+  const Prescribed to = prescribed(bound, MotionKind::position, context);
   ConstrainedResult result = constrained_->solve(to.h, to.offsets, context);
   if (!exact_ && !layers_) return {std::move(result), {}, {}};
   Solution solution = completed(to.h * box_.scale, result.w * box_.scale, context);
@@ -573,14 +639,22 @@ std::vector<double> EnergySystem::constrained_adjoint(const Constrained& at, con
                                                       const Eigen::MatrixXd& direct, const std::vector<Vec3>& at_exact,
                                                       const std::vector<Vec3>& at_layers, const RunContext& context) const {
   const ConstrainedSolver::Adjoint back = constrained_->adjoint(at.result, g, context);
-  std::vector<double> result = contract_fields(direct + back.h);
+  Eigen::MatrixXd at_held = direct + back.h;
+  std::vector<Vec3> moved_places, moved;
+  std::vector<double> of_sets(12 * frames_.size(), 0.0);
   std::size_t i = 0;
   for (const ConstraintSet& set : constrained_->sets()) {
-    for (const PointId id : set.ids) {
+    for (std::size_t p = 0; p < set.ids.size(); ++p) {
       const Vec3& y = back.offsets[i++];
-      if (model_.eliminated) add_fields(id, y, result);
+      if (model_.eliminated || is_delivered(set)) add_fields(set.ids[p], y, of_sets);
+      if (!is_delivered(set) || is_prescribed(set.ids[p])) continue;
+      moved_places.push_back(set.rest[p]);
+      moved.push_back(y);
     }
   }
+  if (!moved.empty()) at_held += correction_->adjoint(moved_places, moved, context);
+  std::vector<double> result = contract_fields(at_held);
+  for (std::size_t f = 0; f < result.size(); ++f) result[f] += of_sets[f];
   for (std::size_t u = 0; u < at_exact.size(); ++u) {
     if (!exact_->moves(u)) add_fields(exact_->ids()[u], at_exact[u], result);
   }

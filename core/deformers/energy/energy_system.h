@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "core/deformers/constrained/constrained_solver.h"
@@ -73,6 +74,7 @@ class EnergySystem : public HandleSystem {
   std::string only_on_mesh() const override { return model_.space.in_space ? std::string() : model_.space.only_on_mesh; }
   void prepare_solver(const RunContext& context, std::size_t memory_budget);
   void prepare_constraints(ConstraintSets constraints, const RunContext& context, std::size_t memory_budget);
+  std::optional<DeliveredRows> delivered_rows(const std::vector<ConstraintSet>& sets, const RunContext& context);
   void prepare_basis(const RunContext& context, std::size_t memory_budget);
   void fill_info();
   Eigen::MatrixXd fields_at_held(std::size_t handle) const;
@@ -90,7 +92,10 @@ class EnergySystem : public HandleSystem {
   double largest_displacement(const Eigen::MatrixXd& w, const RunContext& context) const;
   Eigen::MatrixXd at_samples(const EnergyField& field) const;
   Solution completed(const Eigen::MatrixXd& h, const Eigen::MatrixXd& w, const RunContext& context) const;
-  Prescribed prescribed(const BoundDesign& design, MotionKind kind) const;
+  Prescribed prescribed(const BoundDesign& design, MotionKind kind, const RunContext& context) const;
+  /// Whether the solver sees the points of a set with the correction.
+  bool is_delivered(const ConstraintSet& set) const { return delivered_ && set.column == nullptr; }
+  std::vector<Vec3> offsets_of(const Eigen::MatrixXd& h, const RunContext& context) const;
   /// Where the points of the sets are, set by set, or how they change there; unit coordinates.
   std::vector<Vec3> set_points(const Solution& solution, const BoundDesign& design, MotionKind kind) const;
   /// Of these those of LayerStep::ids().
@@ -110,6 +115,7 @@ class EnergySystem : public HandleSystem {
   std::unique_ptr<const EnergySolver> solver_;
   std::unique_ptr<const ResidualCorrection> correction_;  ///< null for the shell and soft handles
   std::unique_ptr<const ConstrainedSolver> constrained_;  ///< null without constraints
+  bool delivered_ = false;                                ///< whether its points are those with the correction (DeliveredRows)
   std::vector<std::size_t> constraint_of_;                ///< constraint of each set
   TiledPoints set_places_;                                ///< points of the sets; only with a correction or exact constraints
   std::unique_ptr<const ExactStep> exact_;                ///< null without exact constraints

@@ -130,6 +130,47 @@ Eigen::MatrixXd ResidualCorrection::left(const Eigen::MatrixXd& misfit, const Ei
   return result;
 }
 
+Eigen::MatrixXd ResidualCorrection::values(const SparseRows& misfits, std::span<const std::int64_t> rows,
+                                           std::span<const Vec3> places, const RunContext& context) const {
+  constexpr std::size_t columns_at_once = 64, tiles_per_task = 16;
+  const TiledPoints tiled(places);
+  const auto smooth = static_cast<Eigen::Index>(smooth_rows());
+  Eigen::MatrixXd result(static_cast<Eigen::Index>(places.size()), static_cast<Eigen::Index>(rows.size()));
+  for (std::size_t first = 0; first < rows.size(); first += columns_at_once) {
+    context.check();
+    const std::span<const std::int64_t> some = rows.subspan(first, std::min(columns_at_once, rows.size() - first));
+    const std::size_t columns = some.size();
+    Eigen::MatrixXd misfit = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(held_), static_cast<Eigen::Index>(columns));
+    for (std::size_t c = 0; c < columns; ++c) {
+      for (SparseRows::InnerIterator it(misfits, some[c]); it; ++it) misfit(it.col(), static_cast<Eigen::Index>(c)) = it.value();
+    }
+    Eigen::MatrixXd at_centres(static_cast<Eigen::Index>(centres_.size()), misfit.cols());
+    for (std::size_t j = 0; j < centres_.size(); ++j) {
+      at_centres.row(static_cast<Eigen::Index>(j)) = misfit.row(static_cast<Eigen::Index>(centres_[j]));
+    }
+    Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> coefficients(static_cast<Eigen::Index>(this->rows()),
+                                                                                        misfit.cols());
+    coefficients.topRows(smooth) = system_.unrefined(at_centres);
+    if (levels_) {
+      coefficients.bottomRows(coefficients.rows() - smooth) =
+          levels_->coefficients(left(misfit, coefficients.topRows(smooth), context), context);
+    }
+    parallel_for(context, tiled.tiles(), tiles_per_task, [&](std::size_t begin, std::size_t end) {
+      std::vector<double> values(columns * tile_size);
+      for (std::size_t t = begin; t < end; ++t) {
+        std::fill(values.begin(), values.end(), 0.0);
+        add_values(tiled.tile(t), coefficients.data(), columns, values.data());
+        for (std::size_t i = t * tile_size; i < std::min((t + 1) * tile_size, places.size()); ++i) {
+          for (std::size_t c = 0; c < columns; ++c) {
+            result(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(first + c)) = values[c * tile_size + i % tile_size];
+          }
+        }
+      }
+    });
+  }
+  return result;
+}
+
 double ResidualCorrection::rounding(const Eigen::MatrixXd& coefficients, std::span<const Vec3> at,
                                     const RunContext& context) const {
   const auto smooth = static_cast<Eigen::Index>(smooth_rows());

@@ -13,6 +13,7 @@
 #include "core/numerics/interpolation/compact_levels.h"
 #include "core/numerics/interpolation/dense_interpolator.h"
 #include "core/numerics/kernels/tiles.h"
+#include "core/numerics/sparse/sparse.h"
 
 namespace deform {
 
@@ -61,6 +62,10 @@ class ResidualCorrection {
   /// The same of the smooth interpolants alone: nothing is added for what they leave.
   Eigen::MatrixXd smooth_coefficients(const Eigen::MatrixXd& misfit, const RunContext& context) const;
   std::size_t rows() const { return smooth_rows() + (levels_ ? levels_->rows() : 0); }
+  /// The values at places (one row each) of the interpolants of many misfits, which are rows of a sparse matrix (x m): those of
+  /// rows[c] in column c. Their coefficients are not refined.
+  Eigen::MatrixXd values(const SparseRows& misfits, std::span<const std::int64_t> rows, std::span<const Vec3> places,
+                         const RunContext& context) const;
   /// The rounding of the values of interpolants at these places, at most.
   double rounding(const Eigen::MatrixXd& coefficients, std::span<const Vec3> at, const RunContext& context) const;
   /// Adds the values of the interpolants at a tile to out[c][16]. `coefficients` is row-major with row stride `columns`.

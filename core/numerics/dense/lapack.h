@@ -16,6 +16,8 @@ void use_one_thread();
 
 extern "C" {
 void dpotrf_(const char* uplo, const int* n, double* a, const int* lda, int* info);
+void dpstrf_(const char* uplo, const int* n, double* a, const int* lda, int* piv, int* rank, const double* tol, double* work,
+             int* info);
 void dsytrf_(const char* uplo, const int* n, double* a, const int* lda, int* ipiv, double* work, const int* lwork, int* info);
 void dsptrs_(const char* uplo, const int* n, const int* nrhs, const double* ap, const int* ipiv, double* b, const int* ldb,
              int* info);

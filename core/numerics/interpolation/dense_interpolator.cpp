@@ -59,6 +59,12 @@ Interpolants DenseInterpolator::interpolate(const Eigen::MatrixXd& F, double /*t
   return solve_saddle(with_side_conditions(F), context);
 }
 
+Eigen::MatrixXd DenseInterpolator::unrefined(const Eigen::MatrixXd& F) const {
+  Eigen::MatrixXd X = with_side_conditions(F);
+  factor_->solve(X);
+  return X;
+}
+
 Eigen::MatrixXd DenseInterpolator::adjoint(Eigen::MatrixXd B, const RunContext& context) const {
   return solve_saddle(B, context).coefficients.topRows(static_cast<Eigen::Index>(size()));
 }

@@ -21,6 +21,9 @@ class DenseInterpolator : public Interpolator {
 
   Interpolants interpolate(const Eigen::MatrixXd& F, double tolerance, const RunContext& context = {}) const override;
   Eigen::MatrixXd adjoint(Eigen::MatrixXd B, const RunContext& context = {}) const override;
+  /// The coefficients of interpolate() without refinement, (m + q) x columns, which takes a small part of its time. The
+  /// interpolants meet the values to rounding of their terms, though single coefficients may have few correct digits.
+  Eigen::MatrixXd unrefined(const Eigen::MatrixXd& F) const;
 
   /// Solves for right-hand sides B = [f; g], (m + q) x columns, and returns coefficients [w; c] with their uncertainty. The
   /// system is symmetric, so this also solves adjoint problems. Some steps of iterative refinement with accurate residuals

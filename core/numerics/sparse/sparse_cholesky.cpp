@@ -289,7 +289,13 @@ Eigen::MatrixXd SparseCholesky::solve(const Eigen::Ref<const Eigen::MatrixXd>& b
 }
 
 /// Column by column: BLAS sums in another order for another number of right-hand sides, and a column must not depend on others.
-void SparseCholesky::solve_in_place(Eigen::Ref<Eigen::MatrixXd> b) const {
+void SparseCholesky::solve_in_place(Eigen::Ref<Eigen::MatrixXd> b) const { solve_in_place(b, 1); }
+
+void SparseCholesky::solve_together_in_place(Eigen::Ref<Eigen::MatrixXd> b) const {
+  solve_in_place(b, std::max<Eigen::Index>(1, b.cols()));
+}
+
+void SparseCholesky::solve_in_place(Eigen::Ref<Eigen::MatrixXd> b, Eigen::Index at_once) const {
   const std::size_t n = size();
   if (static_cast<std::size_t>(b.rows()) != n) {
     throw Error(ErrorCode::internal,
@@ -299,17 +305,21 @@ void SparseCholesky::solve_in_place(Eigen::Ref<Eigen::MatrixXd> b) const {
   Common common;
   cholmod_dense *X = nullptr, *Y = nullptr, *E = nullptr;
   int status = CHOLMOD_OK;
-  for (Eigen::Index c = 0; c < b.cols() && status == CHOLMOD_OK; ++c) {
+  for (Eigen::Index c = 0; c < b.cols() && status == CHOLMOD_OK; c += at_once) {
     cholmod_dense B{};
-    B.nrow = B.nzmax = B.d = n;
-    B.ncol = 1;
+    B.nrow = n;
+    B.ncol = static_cast<std::size_t>(std::min(at_once, b.cols() - c));
+    B.d = static_cast<std::size_t>(b.outerStride());
+    B.nzmax = B.d * B.ncol;
     B.x = b.col(c).data();
     B.xtype = CHOLMOD_REAL;
     B.dtype = CHOLMOD_DOUBLE;
     // The factor is only read: it is in its final form, and the solve writes only to X, Y, E and its own common.
     cholmod_l_solve2(CHOLMOD_A, factor_->analysis.get(), &B, nullptr, &X, nullptr, &Y, &E, common.get());
     status = common.status();
-    if (status == CHOLMOD_OK) std::copy_n(static_cast<const double*>(X->x), n, b.col(c).data());
+    for (std::size_t j = 0; j < B.ncol && status == CHOLMOD_OK; ++j) {
+      std::copy_n(static_cast<const double*>(X->x) + j * X->d, n, b.col(c + static_cast<Eigen::Index>(j)).data());
+    }
   }
   cholmod_l_free_dense(&X, common.get());
   cholmod_l_free_dense(&Y, common.get());

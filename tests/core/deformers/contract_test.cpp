@@ -260,6 +260,29 @@ test::dense_energy::Set oracle_set(const Case& c, std::size_t t, const Vec3& ori
   return set;
 }
 
+/// The points of a set as they are delivered where what the functions miss at held points is interpolated, as a linear function
+/// of the coefficients: rows and shifts.
+void follow_interpolation(const Case& c, std::size_t t, const test::dense_energy::Oracle& oracle,
+                          const std::map<PointId, WideVec>& held, test::dense_energy::Set& set) {
+  const dense::Matrix interpolation = oracle.interpolation_at(c.sets[t]);
+  for (std::size_t i = 0; i < c.sets[t].size(); ++i) {
+    if (held.count(c.sets[t][i]) > 0) {
+      set.rows[i].clear();
+      continue;
+    }
+    std::map<Eigen::Index, double> row(set.rows[i].begin(), set.rows[i].end());
+    for (std::size_t j = 0; j < oracle.held().size(); ++j) {
+      const Extended share = interpolation(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j));
+      const WideVec& u = held.at(oracle.held()[j]);
+      for (Eigen::Index k = 0; k < 3; ++k) set.shift[i][k] += share * u[static_cast<std::size_t>(k)].extended();
+      for (const auto& [function, value] : oracle.functions_at(oracle.held()[j])) {
+        row[function] -= static_cast<double>(share * value);
+      }
+    }
+    set.rows[i].assign(row.begin(), row.end());
+  }
+}
+
 /// The coefficients of the stationary point of the energy with constraints that is next to what has been delivered.
 test::dense_energy::ConstrainedEquations::Solution constrained(const Case& c, const test::dense_energy::Oracle& oracle,
                                                                const test::dense_energy::Equations& equations,
@@ -275,9 +298,10 @@ test::dense_energy::ConstrainedEquations::Solution constrained(const Case& c, co
       near.back().push_back(oracle_place(delivered[id], origin));
       const auto found = held.find(id);
       dense::Place& shift = set.shift.emplace_back(dense::Place::Zero());
-      if (!oracle.eliminated() || found == held.end()) continue;
+      if (oracle.soft() || found == held.end()) continue;
       for (Eigen::Index k = 0; k < 3; ++k) shift[k] = found->second[static_cast<std::size_t>(k)].extended();
     }
+    if (!oracle.one_system()) follow_interpolation(c, t, oracle, held, set);
   }
   return dense::ConstrainedEquations(equations, sets, !oracle.one_system()).solution(near);
 }

@@ -234,6 +234,22 @@ class Oracle {
     return result;
   }
 
+  /// What is added at points (rows) for a misfit of one at a held point (columns).
+  Matrix interpolation_at(const std::vector<PointId>& ids) const {
+    std::vector<Vec3> held, centres, places;
+    for (const PointId id : model_.held) held.push_back(unit(id));
+    for (const PointId id : ids) places.push_back(unit(id));
+    std::size_t following = 0;
+    for (const RegionIndex region : region_of_) following += region == deformable_region ? 1 : 0;
+    const ResidualCorrection correction(held, ResidualCorrection::centres_for(following), {}, {});
+    const auto count = static_cast<Eigen::Index>(correction.centres().size());
+    for (const std::uint32_t centre : correction.centres()) centres.push_back(held[centre]);
+    const Matrix at = interpolated(centres, Matrix::Identity(count, count), places);
+    Matrix result = Matrix::Zero(at.rows(), static_cast<Eigen::Index>(held.size()));
+    for (Eigen::Index j = 0; j < count; ++j) result.col(correction.centres()[static_cast<std::size_t>(j)]) = at.col(j);
+    return result;
+  }
+
   /// The displacements of all points, from those that handle and fixed points are to have.
   std::vector<std::array<Extended, 3>> displacements(const MethodOptions& method,
                                                      const std::function<std::array<Quad, 3>(PointId)>& prescribed) const {

@@ -187,6 +187,18 @@ TEST(Layers, HaveDerivatives) {
   }
 }
 
+/// The solver sees points of the plane where they are delivered, those of columns where the functions have them; the plane holds
+/// points of both.
+TEST(Layers, HaveDerivativesBesideAPlane) {
+  const Bump bump(1e-2, ElementType::hexahedron);
+  deform::Setup setup = bump.setup(FfdOptions{});
+  std::vector<PointId> plane = bump.level(kept_layers + 1);
+  for (std::size_t j = 0; j <= bump.ny; ++j) plane.push_back(bump.at(3, j, 2));
+  setup.constraints.push_back({"plane", {{Region::Ids{plane}}}, Planar{}, 1e4});
+  setup.constraint_options.tolerance = 1e-12;
+  check_jacobians(*prepare(bump.mesh, setup), 1e-11, 5e-6);
+}
+
 /// A point above the wall that is held does not follow it: heights change, which the report tells.
 TEST(Layers, ThatAreLiftedOffTheWallAreTold) {
   const Bump bump(1e-3, ElementType::hexahedron);
