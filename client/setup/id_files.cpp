@@ -10,7 +10,7 @@ namespace deform::client {
 
 namespace {
 
-constexpr std::size_t max_bytes = std::size_t{1} << 28;
+constexpr std::size_t max_id_file_bytes = std::size_t{1} << 28;
 
 [[noreturn]] void refuse_ids(const std::string& what, const std::string& why) {
   throw Error(ErrorCode::invalid_argument, what + ": " + why);
@@ -34,7 +34,7 @@ const nlohmann::json& IdFiles::content(const std::string& file) {
   const std::filesystem::path path = folder_ / file;
   nlohmann::json json;
   try {
-    json = nlohmann::json::parse(io::read_file(path, nullptr, max_bytes));
+    json = nlohmann::json::parse(io::read_file(path, nullptr, max_id_file_bytes));
   } catch (const nlohmann::json::parse_error& error) {
     refuse_ids(path.string(), "is no JSON, see byte " + std::to_string(error.byte));
   }

@@ -202,14 +202,15 @@ class Soak(EndToEnd):
         lines = []
         for _ in range(INTERVALS):
             honest = Honest(self.server.address, honest_request, token=self.tenants[0].token)
-            peak, end = 0, time.monotonic() + 60 * MINUTES / INTERVALS
+            sizes, end = [], time.monotonic() + 60 * MINUTES / INTERVALS
             while time.monotonic() < end:
-                peak = max(peak, resident(self.server.process.pid))
+                sizes.append(resident(self.server.process.pid))
                 time.sleep(0.05)
+            peak = max(sizes)
             honest.stop()
             wrong += self.take_in(record, functions, counts) + honest.failures
             lines.append((peak, self.files(), self.threads(), self.stored(), honest.seconds))
-            print(f"resident at most {peak / MIB:4.0f} MiB, {self.files():4} files, {self.threads():3} threads, {self.stored() / MIB:6.1f} MiB "
+            print(f"resident {min(sizes) / MIB:4.0f} to {peak / MIB:4.0f} MiB, {self.files():4} files, {self.threads():3} threads, {self.stored() / MIB:6.1f} MiB "
                   f"stored; honest client: {len(honest.seconds):5} rounds, median {1e3 * quantile(honest.seconds, 0.5):5.1f} ms, "
                   f"p99 {1e3 * quantile(honest.seconds, 0.99):6.1f} ms, most {1e3 * max(honest.seconds):6.1f} ms", file=sys.stderr)
             if wrong or any(work.failure for work in works):

@@ -62,9 +62,9 @@ HWY_INLINE std::size_t weights_along(const CubicAxis& axis, double u, double* HW
 HWY_INLINE Vec3 sum_at(const CubicAxis* HWY_RESTRICT axes, const double* HWY_RESTRICT first,
                        const double (*HWY_RESTRICT w)[cubic_order]) {
   const D d;
-  V sum[row_vectors];
+  V sum[row_vectors], plane[row_vectors];
+  for (std::size_t v = 0; v < row_vectors; ++v) sum[v] = plane[v] = hn::Zero(d);  // which GCC does not see to be overwritten
   for (std::size_t k = 0; k < cubic_order; ++k) {
-    V plane[row_vectors];
     for (std::size_t j = 0; j < cubic_order; ++j) {
       const double* const row = first + 3 * (j * axes[1].stride + k * axes[2].stride);
       const V weight = hn::Set(d, w[1][j]);
