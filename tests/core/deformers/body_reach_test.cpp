@@ -11,6 +11,7 @@
 
 #include "core/base/vectors.h"
 #include "core/deformers/energy/spaces/mesh_pieces.h"
+#include "core/deformers/space_map.h"
 #include "core/deformers/system.h"
 #include "tests/core/deformers/block_meshes.h"
 #include "tests/core/quality/surface_meshes.h"
@@ -72,6 +73,22 @@ TEST(BodyReach, HandlesThatMoveAffinelyAreFollowedAroundSlots) {
   EXPECT_LT(worst, 1e-10);
   const auto& notes = system->info().notes;
   EXPECT_TRUE(std::any_of(notes.begin(), notes.end(), [](const std::string& note) { return note.find("slots") < note.size(); }));
+}
+
+// Ways are looked up again for points that are asked for later, when nothing else of the preparation is left.
+TEST(BodyReach, PointsOfTheMeshGoWhereItsDesignsPutThemWhenTheyAreAskedForAsPlaces) {
+  const auto mesh = std::make_shared<const Mesh>(fork());
+  const auto system = prepare(mesh, held_and_bent(MlsDomain::connected, 500));
+  Affine lifted = identity_affine;
+  lifted[11] = 0.1;
+  const Design design{{}, {{0, lifted}}};
+  const std::vector<std::vector<double>> other(64, std::vector<double>(1500, 1e3));  // where the samples were
+  const Points moved = system->evaluate(design);
+  std::vector<Vec3> asked(mesh->point_count());
+  system->bind_in_space(design, RunContext())->evaluate(mesh->points, 0, asked, RunContext());
+  double worst = 0;
+  for (std::size_t i = 0; i < moved.size(); ++i) worst = std::max(worst, distance(asked[i], moved[i]));
+  EXPECT_LT(worst, 1e-13) << other.size();  // the basis has the design
 }
 
 struct Reached {

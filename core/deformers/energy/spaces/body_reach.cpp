@@ -27,13 +27,13 @@ constexpr double no_way = std::numeric_limits<double>::infinity();
 
 }  // namespace
 
-BodyReach::BodyReach(const Mesh& mesh, std::span<const Vec3> points, const std::vector<Vec3>& samples, const DensePoints& dense,
+BodyReach::BodyReach(const Mesh& mesh, std::span<const Vec3> points, std::vector<Vec3> samples, const DensePoints& dense,
                      double radius, const RunContext& context)
-    : samples_(samples), crossings_(mesh, points), winding_(mesh, points), ways_(samples.size()) {
-  if (samples.size() < 2) return;
-  const PointTree tree(samples);
-  std::vector<double> nearest(samples.size());
-  for (std::size_t i = 0; i < samples.size(); ++i) nearest[i] = std::sqrt(tree.kth_square(samples[i], 2));
+    : samples_(std::move(samples)), crossings_(mesh, points), winding_(mesh, points), ways_(samples_.size()) {
+  if (samples_.size() < 2) return;
+  const PointTree tree(samples_);
+  std::vector<double> nearest(samples_.size());
+  for (std::size_t i = 0; i < samples_.size(); ++i) nearest[i] = std::sqrt(tree.kth_square(samples_[i], 2));
   const auto middle = nearest.begin() + static_cast<std::ptrdiff_t>(nearest.size() / 2);
   std::nth_element(nearest.begin(), middle, nearest.end());
   spacing_ = *middle;
@@ -226,7 +226,7 @@ void BodyReach::lengthen(const Vec3& x, std::span<const PointTree::Near> near, s
 }
 
 std::size_t BodyReach::bytes_for(std::size_t triangles, std::size_t samples) {
-  const std::size_t of_sample = 2 * sizeof(Vec3) + links_of_sample * sizeof(std::uint32_t) + ways_of_sample * sizeof(Way) + 64;
+  const std::size_t of_sample = 3 * sizeof(Vec3) + links_of_sample * sizeof(std::uint32_t) + ways_of_sample * sizeof(Way) + 64;
   return SegmentCrossings::bytes_for(triangles) + WindingNumber::bytes_for(triangles) + samples * of_sample;
 }
 

@@ -27,9 +27,8 @@ namespace deform {
 /// Immutable; any number of threads.
 class BodyReach : public SampleReach {
  public:
-  /// `points` are those of the mesh, in the coordinates of the samples; ways up to 1.5 radii are known. The samples must outlive
-  /// this object.
-  BodyReach(const Mesh& mesh, std::span<const Vec3> points, const std::vector<Vec3>& samples, const DensePoints& dense,
+  /// `points` are those of the mesh, in the coordinates of the samples; ways up to 1.5 radii are known. Keeps no reference.
+  BodyReach(const Mesh& mesh, std::span<const Vec3> points, std::vector<Vec3> samples, const DensePoints& dense,
             double radius, const RunContext& context);
 
   bool lengthens(const Vec3& x, std::span<const PointTree::Near> near) const override;
@@ -56,7 +55,7 @@ class BodyReach : public SampleReach {
   double counted(double way) const;
   double way(std::uint32_t from, std::uint32_t to) const;
 
-  const std::vector<Vec3>& samples_;
+  const std::vector<Vec3> samples_;
   SegmentCrossings crossings_;
   WindingNumber winding_;
   double spacing_ = 0;                             ///< median distance of a sample to the nearest other one
