@@ -16,6 +16,7 @@ namespace {
 constexpr double least_tolerance = 1e-10;                  // of solvers
 constexpr double bad_error = 1e-3, doubtful_error = 1e-6;  // of the motion
 constexpr double negligible_error = 1e-12;                 // of D
+constexpr double least_motion = 1e-4;                      // of D: errors of smaller motions are judged as if they were so large
 constexpr double doubtful_condition = 1e12;
 constexpr double harmless_error = 1e-8;                     // of the motion: measured, it says that such a condition did no harm
 constexpr double unrefined_error = 1e-9;                    // of the motion: told without a converged refinement, not bad
@@ -76,7 +77,9 @@ void judge_solution(const SolutionFacts& facts, const v1::DesignResult& result, 
     found.emplace_back(v1::VERDICT_BAD, "points are not finite");
     return;
   }
-  const bool large = result.estimated_error() > negligible_error * facts.diagonal && result.relative_error() > doubtful_error;
+  const double motion = std::max(result.max_displacement(), least_motion * facts.diagonal);
+  const double relative = motion > 0 ? result.estimated_error() / motion : result.relative_error();
+  const bool large = result.estimated_error() > negligible_error * facts.diagonal && relative > doubtful_error;
   const std::string error = "the estimated error is " + rounded(result.estimated_error()) +
                             (large ? ", " + rounded(result.relative_error()) + " of the largest displacement" : "");
   if (only_unrefined(facts, result)) {
@@ -86,7 +89,7 @@ void judge_solution(const SolutionFacts& facts, const v1::DesignResult& result, 
     found.emplace_back(v1::VERDICT_BAD, "the solver did not reach its tolerance: " + error + condition_advice(facts) +
                                             least_squares_advice(facts, result) + clamp_advice(facts));
   } else if (large) {
-    found.emplace_back(result.relative_error() > bad_error ? v1::VERDICT_BAD : v1::VERDICT_DOUBTFUL,
+    found.emplace_back(relative > bad_error ? v1::VERDICT_BAD : v1::VERDICT_DOUBTFUL,
                        error + least_squares_advice(facts, result) + clamp_advice(facts));
   }
 }

@@ -8,6 +8,7 @@
 #include <functional>
 #include <limits>
 #include <string>
+#include <utility>
 #include <vector>
 
 namespace deform::convert {
@@ -298,6 +299,27 @@ TEST(Verdicts, OnlyErrorsOfRadialFunctionsShowWhatAConditionDoes) {
     choose(*other.mutable_method());
     EXPECT_EQ(method_facts(other).condition_effect, MethodFacts::Effect::unknown);
   }
+}
+
+// Solvers stop at a part of D, whatever the motion: a design at rest, from which optimizers start, is not bad for that.
+TEST(Verdicts, JudgeErrorsOfSmallMotionsAsIfTheseWereATenThousandthOfTheDiagonal) {
+  const SolutionFacts facts{.diagonal = 2, .condition = 1e6};
+  for (const double motion : {0.0, 1e-15, 1e-9, 2e-4}) {
+    for (const auto& [error, verdict] : {std::pair{1.9e-10, v1::VERDICT_GOOD}, std::pair{2.1e-10, v1::VERDICT_DOUBTFUL},
+                                         std::pair{1.9e-7, v1::VERDICT_DOUBTFUL}, std::pair{2.1e-7, v1::VERDICT_BAD}}) {
+      v1::DesignResult result = good_result();
+      result.set_max_displacement(motion);
+      result.set_prescribed_displacement(motion);
+      set_error(result, error);
+      set_verdict(facts, result);
+      EXPECT_EQ(result.verdict(), verdict) << motion << ", " << error;
+    }
+  }
+  v1::DesignResult result = good_result();
+  result.set_max_displacement(2.1e-3);
+  set_error(result, 2e-9);
+  set_verdict(facts, result);
+  EXPECT_EQ(result.verdict(), v1::VERDICT_GOOD) << "larger ones are judged by themselves";
 }
 
 TEST(Verdicts, NameTheToleranceThatWouldDo) {

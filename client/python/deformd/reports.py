@@ -14,6 +14,7 @@ _VERDICTS = {"VERDICT_GOOD": "good", "VERDICT_DOUBTFUL": "doubtful", "VERDICT_BA
 
 # Of the verdict of the server: fractions of the largest displacement, and of the diagonal.
 _BAD_ERROR = 1e-3
+_LEAST_MOTION = 1e-4  # of D: errors of smaller motions are judged as if they were so large
 _NEGLIGIBLE_ERROR = 1e-12
 _OUT_OF_REACH = 1e12
 
@@ -159,7 +160,8 @@ class CompiledReport:
         told = []
         if not self.converged:
             told.append(f"the solver did not reach its tolerance: the estimated error is {self.estimated_error:.3g}")
-        if self.relative_error > _BAD_ERROR and self.estimated_error > _NEGLIGIBLE_ERROR * self._diagonal:
+        motion = max(self.max_displacement, _LEAST_MOTION * self._diagonal)
+        if self.estimated_error > max(_BAD_ERROR * motion, _NEGLIGIBLE_ERROR * self._diagonal):
             told.append(f"the estimated error is {self.estimated_error:.3g}, {self.relative_error:.3g} of the largest displacement")
         farthest = max(self.max_displacement, self.prescribed_displacement)
         if self._diagonal > 0 and farthest / self._diagonal > _OUT_OF_REACH:
