@@ -28,8 +28,8 @@ namespace deform {
 class BodyReach : public SampleReach {
  public:
   /// `points` are those of the mesh, in the coordinates of the samples; ways up to 1.5 radii are known. Keeps no reference.
-  BodyReach(const Mesh& mesh, std::span<const Vec3> points, std::vector<Vec3> samples, const DensePoints& dense,
-            double radius, const RunContext& context);
+  BodyReach(const Mesh& mesh, std::span<const Vec3> points, std::vector<Vec3> samples, const DensePoints& dense, double radius,
+            const RunContext& context);
 
   bool lengthens(const Vec3& x, std::span<const PointTree::Near> near) const override;
   void lengthen(const Vec3& x, std::span<const PointTree::Near> near, std::vector<double>& distances) const override;
