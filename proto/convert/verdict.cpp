@@ -36,12 +36,12 @@ using Finding = std::pair<v1::Verdict, std::string>;
 
 /// The tolerance that would do, where it is of something else than the error. Between them is a factor that hardly grows as the
 /// tolerance falls; for that and for other motions there is a margin.
-std::string least_squares_advice(const SolutionFacts& facts, const v1::DesignResult& result) {
+std::string least_squares_advice(const SolutionFacts& facts, double relative_error) {
   constexpr double margin = 4;
   const double tolerance = facts.method.least_squares_tolerance;
-  if (!(tolerance > 0) || !std::isfinite(result.relative_error())) return {};
-  const double limit = result.relative_error() > bad_error ? bad_error : doubtful_error;
-  const double enough = tolerance * limit / (margin * result.relative_error());
+  if (!(tolerance > 0) || !std::isfinite(relative_error)) return {};
+  const double limit = relative_error > bad_error ? bad_error : doubtful_error;
+  const double enough = tolerance * limit / (margin * relative_error);
   const double unit = std::pow(10.0, std::floor(std::log10(enough)));
   const std::string other = enough < least_tolerance ? "take " : "take " + rounded(std::floor(enough / unit) * unit) + " or ";
   return ": the tolerance " + rounded(tolerance) + " of INCREMENTAL_QR is at handle and fixed points, and errors between them " +
@@ -87,10 +87,10 @@ void judge_solution(const SolutionFacts& facts, const v1::DesignResult& result, 
                                                  rounded(result.estimated_error()) + ", and may be a thousand times too small");
   } else if (!facts.converged) {
     found.emplace_back(v1::VERDICT_BAD, "the solver did not reach its tolerance: " + error + condition_advice(facts) +
-                                            least_squares_advice(facts, result) + clamp_advice(facts));
+                                            least_squares_advice(facts, relative) + clamp_advice(facts));
   } else if (large) {
     found.emplace_back(relative > bad_error ? v1::VERDICT_BAD : v1::VERDICT_DOUBTFUL,
-                       error + least_squares_advice(facts, result) + clamp_advice(facts));
+                       error + least_squares_advice(facts, relative) + clamp_advice(facts));
   }
 }
 
