@@ -96,7 +96,7 @@ class Soak(EndToEnd):
 
     def replace_a_mesh(self):
         """A mesh of its own size is registered, prepared, deformed, and deleted with its setups."""
-        size = 5000 + 7000 * (self.turns % 8)
+        size = 54000 - 7000 * (self.turns % 8)
         name = f"mesh{self.turns % 8}"
         self.turns += 1
         self.deform("sample", "-o", f"{name}.obj", "--points", size)
@@ -230,10 +230,13 @@ class Soak(EndToEnd):
         self.judge(lines)
 
     def judge(self, lines):
-        """Growth is looked for once the server is warm, from the second quarter on."""
+        """Growth is looked for once the server is warm, from the second quarter on; of its size in runs of at least five minutes, as in
+        shorter ones not all meshes have come by then."""
         quarter = INTERVALS // 4
         early, late = lines[quarter:2 * quarter], lines[-quarter:]
         for number, (what, slack) in enumerate((("resident bytes", 64 * MIB), ("open files", 40), ("threads", 10), ("stored bytes", 32 * MIB))):
+            if number == 0 and MINUTES < 5:
+                continue
             before, after = (max(line[number] for line in part) for part in (early, late))
             self.assertLessEqual(after, before + slack, f"{what}: {before} at most in the second quarter")
         self.assertLessEqual(max(line[0] for line in lines), 1.25 * BUDGET)
