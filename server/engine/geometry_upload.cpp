@@ -96,7 +96,7 @@ void UploadBuffer::check_groups() const {
     refuse("group: only " + of(mesh_.groups.size(), header_.group_count()) + " arrived");
 }
 
-void UploadBuffer::grow(std::size_t bytes) { budget_.grow(charge_, bytes, purpose); }
+void UploadBuffer::grow(std::size_t bytes) { budget_.grow_upload(charge_, bytes, purpose); }
 
 template <typename T>
 void UploadBuffer::append(std::vector<T>& array, const std::string& bytes, std::size_t limit, const char* field) {

@@ -30,8 +30,11 @@ class UploadBuffer {
   /// Checks that everything has arrived and validates the mesh. Ends the object's use.
   Mesh take();
 
-  /// Of everything that take() returns.
-  Charge take_charge() { return std::move(charge_); }
+  /// Of everything that take() returns. It no longer counts as an upload's.
+  Charge take_charge() {
+    charge_.outlive_call();
+    return std::move(charge_);
+  }
 
  private:
   enum class Stage { points, faces, groups, cells };

@@ -35,9 +35,9 @@ bool MemoryMeter::try_take(std::size_t bytes) {
   return true;
 }
 
-bool MemoryMeter::try_take_alone(std::size_t bytes) {
+bool MemoryMeter::try_take_alone(std::size_t bytes, std::size_t held) {
   const std::lock_guard lock(mutex_);
-  if (in_use_ != 0 && in_use_ + bytes > total_) return false;
+  if (in_use_ != held && in_use_ + bytes > total_) return false;
   in_use_ += bytes;
   return true;
 }
@@ -53,13 +53,13 @@ void MemoryMeter::give_back(std::size_t bytes) {
 }
 
 Charge::Charge(Charge&& other) noexcept
-    : meter_(std::move(other.meter_)), of_calls_(std::move(other.of_calls_)), bytes_(std::exchange(other.bytes_, 0)) {}
+    : meter_(std::move(other.meter_)), shared_(std::move(other.shared_)), bytes_(std::exchange(other.bytes_, 0)) {}
 
 Charge& Charge::operator=(Charge&& other) noexcept {
   if (this != &other) {
     shrink(0);
     meter_ = std::move(other.meter_);
-    of_calls_ = std::move(other.of_calls_);
+    shared_ = std::move(other.shared_);
     bytes_ = std::exchange(other.bytes_, 0);
   }
   return *this;
@@ -70,8 +70,13 @@ Charge::~Charge() { shrink(0); }
 void Charge::shrink(std::size_t bytes) {
   if (meter_ == nullptr || bytes >= bytes_) return;
   meter_->give_back(bytes_ - bytes);
-  if (of_calls_) of_calls_->give_back(bytes_ - bytes);
+  if (shared_) shared_->give_back(bytes_ - bytes);
   bytes_ = bytes;
+}
+
+void Charge::outlive_call() {
+  if (shared_) shared_->give_back(bytes_);
+  shared_.reset();
 }
 
 Charge MemoryBudget::charge(std::size_t bytes, const ChargePurpose& purpose) {
@@ -106,7 +111,7 @@ Charge MemoryBudget::charge_call(std::size_t bytes, const ChargePurpose& purpose
                     ", half of the memory budget; try again later, or " + purpose.advice,
                 retry_memory_ms);
   }
-  result.of_calls_ = of_calls_;
+  result.shared_ = of_calls_;
   return result;
 }
 
@@ -116,6 +121,26 @@ void MemoryBudget::grow(Charge& charge, std::size_t bytes, const ChargePurpose& 
   Charge more = this->charge(bytes, all);
   charge.meter_ = meter_;
   charge.bytes_ += std::exchange(more.bytes_, 0);
+}
+
+void MemoryBudget::grow_upload(Charge& charge, std::size_t bytes, const ChargePurpose& purpose) {
+  constexpr std::size_t small_share = 4096;
+  if (charge.bytes() + bytes <= meter_->total() / small_share) {
+    of_uploads_->take(bytes);
+  } else if (!of_uploads_->try_take_alone(bytes, charge.bytes())) {
+    throw Error(ErrorCode::out_of_budget,
+                purpose.what + ": needs " + mebibytes(bytes) + " more, but uploads under way hold " +
+                    mebibytes(of_uploads_->in_use()) + " already and may hold " + mebibytes(of_uploads_->total()) +
+                    ", a quarter of the memory budget; try again later, or " + purpose.advice,
+                retry_memory_ms);
+  }
+  try {
+    grow(charge, bytes, purpose);
+  } catch (...) {
+    of_uploads_->give_back(bytes);
+    throw;
+  }
+  charge.shared_ = of_uploads_;
 }
 
 std::size_t available_memory() {

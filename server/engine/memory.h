@@ -20,8 +20,8 @@ class MemoryMeter {
   std::size_t in_use() const;
   /// False when so many are not free.
   bool try_take(std::size_t bytes);
-  /// The same, but when nothing is in use any number may be taken.
-  bool try_take_alone(std::size_t bytes);
+  /// The same, but when nothing is in use beside what the caller holds already any number may be taken.
+  bool try_take_alone(std::size_t bytes, std::size_t held = 0);
   /// Takes them whether they are free or not.
   void take(std::size_t bytes);
   void give_back(std::size_t bytes);
@@ -45,12 +45,14 @@ class Charge {
   std::size_t bytes() const { return bytes_; }
   /// Gives back what is above `bytes`.
   void shrink(std::size_t bytes);
+  /// What it is taken for outlives the call or the upload: it no longer counts as theirs.
+  void outlive_call();
 
  private:
   friend class MemoryBudget;
   Charge(std::shared_ptr<MemoryMeter> meter, std::size_t bytes) : meter_(std::move(meter)), bytes_(bytes) {}
   std::shared_ptr<MemoryMeter> meter_;
-  std::shared_ptr<MemoryMeter> of_calls_;  // counted there, too; null: it is no call's
+  std::shared_ptr<MemoryMeter> shared_;  // of all calls or all uploads: counted there, too; null: it is neither's
   std::size_t bytes_ = 0;
 };
 
@@ -65,7 +67,9 @@ struct ChargePurpose {
 class MemoryBudget {
  public:
   explicit MemoryBudget(std::size_t total)
-      : meter_(std::make_shared<MemoryMeter>(total)), of_calls_(std::make_shared<MemoryMeter>(total / 2)) {}
+      : meter_(std::make_shared<MemoryMeter>(total)),
+        of_calls_(std::make_shared<MemoryMeter>(total / 2)),
+        of_uploads_(std::make_shared<MemoryMeter>(total / 4)) {}
 
   /// Takes bytes, asking the reclaimers for help first. Throws Error(out_of_budget) with needed, available and what to change;
   /// with a retry hint only when the bytes would fit into an idle server.
@@ -79,6 +83,11 @@ class MemoryBudget {
   /// The same for bytes that are added to a charge (an empty one becomes one of this budget).
   void grow(Charge& charge, std::size_t bytes, const ChargePurpose& purpose);
 
+  /// The same for an upload, whose client decides how long it lasts. All uploads together hold at most a quarter of the budget,
+  /// unless there is one alone; those that have no more than a 4096th come first and may use the rest. So uploads that never end
+  /// leave room for designs, and for small meshes.
+  void grow_upload(Charge& charge, std::size_t bytes, const ChargePurpose& purpose);
+
   /// A reclaimer gives back about `bytes` of idle memory. Called without a lock held, in the order of registration. Register all
   /// before the first charge.
   void add_reclaimer(std::function<void(std::size_t bytes)> reclaimer) { reclaimers_.push_back(std::move(reclaimer)); }
@@ -88,7 +97,7 @@ class MemoryBudget {
 
  private:
   const std::shared_ptr<MemoryMeter> meter_;
-  const std::shared_ptr<MemoryMeter> of_calls_;
+  const std::shared_ptr<MemoryMeter> of_calls_, of_uploads_;
   std::vector<std::function<void(std::size_t)>> reclaimers_;
 };
 

@@ -442,6 +442,7 @@ void RequestStream::handle(Came what) {
     scope_.record.bytes_in += request_.Length();
     const auto held = scope_.hold(request_);
     then = message(request_);
+    request_.Clear();  // the next one may never come, and this one is charged no longer
   });
   if (error) return answer(std::move(error), nullptr);
   {

@@ -12,7 +12,7 @@ import grpc
 import numpy
 
 import http2
-from attack import LONG, MIB, Attack, main
+from attack import LONG, MIB, Attack, main, resident
 from honest import until_answered
 from deform.v1 import deformation_pb2, geometry_pb2, service_pb2_grpc, setup_pb2
 
@@ -258,7 +258,7 @@ class Held(Attack):
 
     def hold(self, count, method, messages):
         """Begins as many calls that send these messages and no end; after 3 s the end comes. How many were under way then, and the
-        codes of all."""
+        codes of all. Until then what is held is charged, and the server takes designs and small meshes."""
         release = threading.Event()
         self.addCleanup(release.set)
 
@@ -270,6 +270,10 @@ class Held(Attack):
         calls = [getattr(stubs[i % 10], method).future(requests(), timeout=30) for i in range(count)]
         time.sleep(3)
         waiting = sum(not call.done() for call in calls)
+        self.assertEqual(self.figure("deformd_memory_full"), 0, "what is held leaves room for designs")
+        held = self.figure("deformd_memory_charged_bytes") + self.figure("deformd_requests_held_bytes")
+        self.assertLess(resident(self.server.process.pid), self.before + held + 64 * MIB, "what is held is charged")
+        until_answered(lambda: self.service.RegisterGeometry(self.plate.messages(), timeout=10))
         release.set()
         return waiting, [call.exception(timeout=40).code() for call in calls]
 
@@ -287,6 +291,14 @@ class Held(Attack):
         self.assertGreater(waiting, 0)
         self.assertIn(grpc.StatusCode.INVALID_ARGUMENT, codes, "their points are missing")
         self.assertNotIn(None, codes)
+
+    def test_large_uploads_that_never_end(self):
+        """100 of 10 MB each; those that come to nearly a quarter of the budget are held."""
+        waiting, codes = self.hold(100, "RegisterGeometry", [
+            geometry_pb2.RegisterGeometryRequest(header=dict(point_count=10_000_000, face_count=1, corner_count=3, name="x")),
+            *[geometry_pb2.RegisterGeometryRequest(points=dict(xyz=bytes(40_000 * 24)))] * 10])
+        self.assertGreater(waiting, 0)
+        self.assertEqual(set(codes), {grpc.StatusCode.RESOURCE_EXHAUSTED, grpc.StatusCode.INVALID_ARGUMENT})
 
     def test_designs_that_nobody_reads(self):
         """Populations whose replies wait; the reader takes the first and no more."""

@@ -127,6 +127,37 @@ TEST(MemoryBudget, large_calls_hold_half_of_it_and_small_ones_the_rest) {
   EXPECT_EQ(budget.in_use(), 1024u);
 }
 
+TEST(MemoryBudget, large_uploads_hold_a_quarter_of_it_and_small_ones_the_rest) {
+  MemoryBudget budget(40960);
+  Charge first, second, small;
+  budget.grow_upload(first, 9000, purpose);
+  budget.grow_upload(first, 9000, purpose);  // alone
+  try {
+    budget.grow_upload(second, 11, purpose);
+    FAIL();
+  } catch (const Error& error) {
+    EXPECT_EQ(error.code(), ErrorCode::out_of_budget);
+    EXPECT_GT(error.retry_after_ms(), 0u);
+    EXPECT_NE(std::string(error.what()).find("a quarter of the memory budget"), std::string::npos) << error.what();
+  }
+  budget.grow_upload(small, 5, purpose);
+  budget.grow_upload(small, 5, purpose);
+  EXPECT_THROW(budget.grow_upload(small, 1, purpose), Error) << "it is no longer small";
+  EXPECT_THROW(budget.grow_upload(first, 1, purpose), Error) << "nor alone";
+  EXPECT_EQ(budget.in_use(), 18010u) << "what was refused is given back";
+  const Charge designs = budget.charge_call(20480, purpose);
+  EXPECT_EQ(designs.bytes(), 20480u) << "uploads are not calls that compute";
+  first.outlive_call();  // its mesh is kept
+  EXPECT_EQ(budget.in_use(), 38490u);
+  EXPECT_THROW(budget.grow_upload(second, 5000, purpose), Error) << "more than is left of the budget";
+  budget.grow_upload(second, 2000, purpose);
+  second = {};
+  first = {};
+  EXPECT_EQ(budget.in_use(), 20490u);
+  budget.grow_upload(second, 10230, purpose);  // what was refused or given back is not counted as an upload's
+  EXPECT_THROW(budget.grow_upload(first, 11, purpose), Error);
+}
+
 TEST(MemoryBudget, a_charge_may_outlive_its_budget) {
   Charge charge;
   {

@@ -22,6 +22,7 @@ std::shared_ptr<EvaluateJob> EvaluateStreamCall::job() {
 
 void EvaluateStreamCall::OnReadDone(bool ok) {
   auto error = caught([&] { ok ? take(message_) : half_closed(); });
+  message_.Clear();  // the next one may never come, and this one is charged no longer
   {
     const std::lock_guard lock(mutex_);
     reading_ = ok && !error ? Reading::paused : Reading::closed;

@@ -136,6 +136,7 @@ void LargePrepareCall::begin() { StartRead(&message_); }
 
 void LargePrepareCall::OnReadDone(bool ok) {
   auto error = caught([&] { ok ? take(message_) : half_closed(); });
+  message_.Clear();  // the next one may never come, and this one is charged no longer
   if (!error) return ok ? StartRead(&message_) : void();
   {
     const std::lock_guard lock(mutex_);

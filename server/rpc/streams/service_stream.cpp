@@ -68,7 +68,9 @@ void DeformStreamCall::OnReadDone(bool ok) {
     }
   }
   if (ok) {
-    if (auto error = caught([this] { take(message_); })) {
+    auto error = caught([this] { take(message_); });
+    message_.Clear();  // the next one may never come, and this one is charged no longer
+    if (error) {
       const std::lock_guard lock(mutex_);
       failure_ = std::move(error);
       reading_ = Reading::closed;
