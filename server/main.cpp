@@ -17,6 +17,7 @@
 #include "core/base/commit/commit.h"
 #include "core/base/text.h"
 #include "core/numerics/dense/blas_kernels.h"
+#include "server/engine/memory.h"
 #include "server/options.h"
 #include "server/rpc/log.h"
 #include "server/rpc/server.h"
@@ -208,6 +209,7 @@ std::optional<std::string> environment_variable(const std::string& name) {
 
 int main(int argc, char** argv) {
   deform::lapack::use_kernels_of_processor(argv);
+  deform::server::limit_retained_memory();
   try {
     const deform::server::CommandLine command_line{{argv + 1, argv + argc}, environment_variable};
     if (const auto code = deform::server::run_store_command(command_line, std::cout)) return *code;

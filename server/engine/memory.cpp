@@ -157,6 +157,13 @@ bool return_freed_memory(std::size_t bytes) {
   return true;
 }
 
+void limit_retained_memory() {
+  constexpr int largest_in_heap = 32 << 20;  // malloc() would come to this by itself, were the end of the heaps not limited
+  constexpr int kept_per_heap = 8 << 20;
+  mallopt(M_MMAP_THRESHOLD, largest_in_heap);
+  mallopt(M_TRIM_THRESHOLD, kept_per_heap);
+}
+
 std::size_t resident_set_bytes() {
   std::ifstream file("/proc/self/statm");
   std::size_t pages = 0, resident = 0;

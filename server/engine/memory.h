@@ -109,6 +109,11 @@ std::size_t available_memory();
 bool return_freed_memory(std::size_t bytes);
 inline constexpr std::size_t freed_bytes_worth_returning = std::size_t{16} << 20;
 
+/// Sets the allocator of this process so that what is freed can be given back. malloc_trim() leaves the free end of every
+/// thread's heap as it is, which malloc() on its own lets grow to 64 MiB; 8 MiB of each may stay here. Less would cost designs
+/// their time, which need the same memory again and again. Before the first thread.
+void limit_retained_memory();
+
 /// Bytes of memory this process occupies now.
 std::size_t resident_set_bytes();
 

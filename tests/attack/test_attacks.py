@@ -272,7 +272,7 @@ class Held(Attack):
         waiting = sum(not call.done() for call in calls)
         self.assertEqual(self.figure("deformd_memory_full"), 0, "what is held leaves room for designs")
         held = self.figure("deformd_memory_charged_bytes") + self.figure("deformd_requests_held_bytes")
-        self.assertLess(resident(self.server.process.pid), self.before + held + 64 * MIB, "what is held is charged")
+        self.assertLess(resident(self.server.process.pid), self.before + held + 96 * MIB, "what is held is charged")
         until_answered(lambda: self.service.RegisterGeometry(self.plate.messages(), timeout=10))
         release.set()
         return waiting, [call.exception(timeout=40).code() for call in calls]
