@@ -20,6 +20,8 @@ namespace {
 constexpr double candidates_per_decade = 4, first_decade = 1, last_decade = 8;
 // Of the prescribed values: what keeping control points back may cost, and where the L-curve says nothing.
 constexpr double negligible_misfit = 1e-6, bearable_misfit = 3e-5;
+// The same if control points then keep within most_motion; less is not worth it.
+constexpr double dear_misfit = 1e-5;
 // The standard deviation of the entries of what the decomposition changes a matrix by, in the bases of its singular vectors, over
 // epsilon times its largest singular value: 0.002 to 0.004 for matrices of 200 to 900 columns.
 constexpr double decomposition_change = 0.004;
@@ -178,14 +180,17 @@ double ClampedInverse::strengthened(double clamp, const ThinSvd& svd, const Typi
     return left == 0 ? 0.0 : at_points(svd.U.rightCols(left) * of_fields.bottomRows(left)).rowwise().norm().maxCoeff();
   };
   const bool one_handle = typical.fields.cols() == 4 && (typical.fields.col(0).array() == 1).all();
-  const double most_misfit = (one_handle ? bearable_misfit : negligible_misfit) * typical.fields.rowwise().norm().maxCoeff();
+  const double size = typical.fields.rowwise().norm().maxCoeff();
+  const double most_misfit = (one_handle ? bearable_misfit : negligible_misfit) * size;
   const double strongest = std::pow(10.0, -first_decade);
   double best = clamp, least = std::numeric_limits<double>::infinity();
   for (double next = clamp; next < strongest && least > most_motion; next *= std::pow(10.0, 1 / candidates_per_decade)) {
     const Eigen::Index rank = rank_of(next);
-    if (next > clamp && misfit_of(rank) > most_misfit) break;
+    const double misfit = next > clamp ? misfit_of(rank) : 0;
+    if (misfit > std::max(most_misfit, dear_misfit * size)) break;
     const Eigen::MatrixXd weights = parts.topRows(rank).array().colwise() / svd.values.head(rank).array();
     const double motion = (svd.V.leftCols(rank) * weights).cwiseAbs().maxCoeff();
+    if (misfit > most_misfit && motion > most_motion) continue;
     if (motion < least) best = next;
     least = std::min(least, motion);
   }

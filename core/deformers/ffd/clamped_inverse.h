@@ -33,9 +33,9 @@ class ClampedInverse : public HeldInverse {
   /// the L-curve of the typical fields (misfit, of which less than 1e-7 of the fields does not count, against motion of the
   /// control points, both logarithmic: Reginska 1996; Hansen, Rank-Deficient and Discrete Ill-Posed Problems, 7.5), or the next
   /// larger one that moves control points by at most most_motion for the waves, as far as the misfit of the fields stays below
-  /// 1e-6 of them at every held point, or 3e-5 if all points are those of one handle, as affine motions of all say little then.
-  /// Throws Error(invalid_argument) for more than most_functions functions, Error(numerical_failure) if all functions are zero at
-  /// all held points, and what thin_svd() and the context throw.
+  /// 1e-6 of them at every held point, 1e-5 where control points then keep within most_motion, or 3e-5 if all points are those of
+  /// one handle, as affine motions of all say little then. Throws Error(invalid_argument) for more than most_functions functions,
+  /// Error(numerical_failure) if all functions are zero at all held points, and what thin_svd() and the context throw.
   ClampedInverse(const FunctionRows& rows, const std::vector<PointId>& held, const Options& options, const RunContext& context);
 
   /// With so many kinds of sums that are checked. Throws as the constructor does for too many functions.
