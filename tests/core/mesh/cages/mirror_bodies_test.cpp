@@ -331,7 +331,10 @@ std::vector<Known> known_bodies() {
   for (const unsigned n : {3U, 4U, 5U, 6U, 7U, 12U, 36U, 60U}) {
     bodies.push_back({"wheel of " + std::to_string(n), wheel(random, n), around_z(n, pi / 2), n % 2 == 0 ? 3U : 2U, 3e-4});
   }
-  bodies.push_back({"wheel of 12 with a wide spoke", wheel(random, 12, 2), {{0, 0, 1}, {0, 1, 0}}, 2, 3e-4});
+  for (const unsigned n : {12U, 36U}) {  // nearly symmetric to n planes more
+    bodies.push_back(
+        {"wheel of " + std::to_string(n) + " with a wide spoke", wheel(random, n, 2), {{0, 0, 1}, {0, 1, 0}}, 2, 3e-4});
+  }
   bodies.push_back({"tetrahedron", hull_of(orbit({1, 1, 1}, false, 1)),
                     orbit({0, 1 / std::numbers::sqrt2, 1 / std::numbers::sqrt2}, false, 0), 2});
   bodies.push_back({"octahedron", hull_of(orbit({0, 0, 1}, false, 0)), of_a_cube(), 3});
@@ -344,13 +347,11 @@ TEST(MirrorBodies, HaveTheirPlanesInAnyPosition) {
   for (const Known& known : known_bodies()) {
     const double diagonal = diagonal_of(known.body);
     for (const double noise : {0.0, 1e-4}) {
-      for (int turn = 0; turn < 3; ++turn) {
+      for (int turn = 0; turn < 2; ++turn) {
         SCOPED_TRACE(known.name + ", noise " + std::to_string(noise) + ", turn " + std::to_string(turn));
         const Place place{any_turn(random),
                           {within(random, -3, 3), within(random, -3, 3), within(random, -3, 3)},
-                          turn % 3 == 0   ? 1.0
-                          : turn % 3 == 1 ? 1e-3
-                                          : 1e3};
+                          std::pow(10.0, static_cast<double>(random() % 3) * 3 - 3)};
         const Triangles triangles = put(known.body, place, noise, random);
         const SurfaceMirrors found = surface_mirrors(triangles, 8e-4 * diagonal * place.unit);
         EXPECT_EQ(found.planes.size(), known.orthogonal);
