@@ -87,8 +87,8 @@ Triangles cylinder(Random& random, double height) {
   return triangles;
 }
 
-/// A rim and `n` spokes; the first has `first` times the width of the others.
-Triangles wheel(Random& random, unsigned n, double first = 1) {
+/// A rim and `n` spokes, of which `wide` have twice the width of the others.
+Triangles wheel(Random& random, unsigned n, unsigned wide = 0) {
   Triangles triangles;
   std::vector<Vec3> outside = uneven_circle(random), inside = uneven_circle(random);
   for (Vec3& x : inside) x = 0.9 * x;
@@ -100,7 +100,7 @@ Triangles wheel(Random& random, unsigned n, double first = 1) {
   }
   const double width = 0.3 / n;
   for (unsigned i = 0; i < n; ++i) {
-    const double w = (i == 0 ? first : 1) * width;
+    const double w = (wide > 0 && i % (n / wide) == 0 ? 2 : 1) * width;
     std::vector<Vec3> around{{0.15, -w, 0}, {0.9, -w, 0}, {0.9, w, 0}, {0.15, w, 0}};
     for (Vec3& x : around) x = about_z(x, 2 * pi * i / n);
     add_between(triangles, raised(around, -0.06), raised(around, 0.06));
@@ -332,8 +332,9 @@ std::vector<Known> known_bodies() {
     bodies.push_back({"wheel of " + std::to_string(n), wheel(random, n), around_z(n, pi / 2), n % 2 == 0 ? 3U : 2U, 3e-4});
   }
   for (const unsigned n : {12U, 36U}) {  // nearly symmetric to n planes more
-    bodies.push_back(
-        {"wheel of " + std::to_string(n) + " with a wide spoke", wheel(random, n, 2), {{0, 0, 1}, {0, 1, 0}}, 2, 3e-4});
+    const std::string name = "wheel of " + std::to_string(n);
+    bodies.push_back({name + " with a wide spoke", wheel(random, n, 1), {{0, 0, 1}, {0, 1, 0}}, 2, 3e-4});
+    bodies.push_back({name + " with three wide spokes", wheel(random, n, 3), around_z(3, pi / 2), 2, 3e-4});
   }
   bodies.push_back({"tetrahedron", hull_of(orbit({1, 1, 1}, false, 1)),
                     orbit({0, 1 / std::numbers::sqrt2, 1 / std::numbers::sqrt2}, false, 0), 2});
