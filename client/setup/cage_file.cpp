@@ -49,10 +49,6 @@ CageRequest cage_request(const v1::CageMethod& cage) {
   request.offset = message.offset();
   if (message.has_symmetry_tolerance()) {
     request.symmetry_tolerance = message.symmetry_tolerance();
-    if (request.kind == CageKind::box && request.symmetry_tolerance != 0) {
-      refuse(
-          "symmetry_tolerance: goes with kind WRAP and HULL; a BOX, whose rectangles are all divided alike, is no mirror image");
-    }
   } else if (cage.control() != v1::MESH) {
     // Handles select vertices by numbers, which another cage would give to others.
     request.symmetry_tolerance = 0;
@@ -76,8 +72,8 @@ void end_in_planes(const std::vector<std::optional<MirrorPlane>>& planes, const 
   }
 }
 
-/// The cage around a mesh, and around its images in the planes of the setup, but for a box whose vertices handles hold. Wraps and
-/// hulls are their own mirror images, also if the mesh is.
+/// The cage around a mesh, and around its images in the planes of the setup, but for a box whose vertices handles hold. It is its
+/// own mirror image, also if the mesh is.
 Mesh generated(const Mesh& mesh, const v1::Setup& setup, const v1::CageMethod& cage) {
   CageRequest request = cage_request(cage);
   const auto planes = mirror_planes(setup, mesh);

@@ -5,6 +5,7 @@
 #include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <vector>
 
 #include "client/cli/commands/command.h"
 #include "client/cli/commands/interrupt.h"
@@ -50,7 +51,7 @@ ExitCode run_cage_mesh(const CageMeshCommand& options, const CommonOptions& comm
   io::write_new_file(cage.mesh, options.output);
   if (request.kind == CageKind::box && cage.mesh.point_count() != request.points) {
     warn("--points " + std::to_string(request.points) + ": a box in rectangles has " + std::to_string(cage.mesh.point_count()) +
-         " vertices here, the nearest number that is possible");
+         " vertices here, within 5 % of that");
   }
   const double diagonal = bounding_box(mesh->points).diagonal();
   if (cage.offset > far_offset * diagonal) {
@@ -95,8 +96,18 @@ ExitCode run_cage_mesh(const CageMeshCommand& options, const CommonOptions& comm
             << "  least angle " << number_text(cage.least_angle) << " degrees\n"
             << "  points of the mesh outside: 0 of " << mesh->point_count() << '\n';
   if (!cage.without.empty()) {
-    std::cout << "  not symmetric to " << planes_text(cage.without)
-              << ", as the mesh is: no such cage of so few points was found; ask for more\n";
+    std::vector<CagePlane> with_more, never;
+    for (const CagePlane& plane : cage.without) {
+      (request.kind == CageKind::box && !axis_of(plane) ? never : with_more).push_back(plane);
+    }
+    if (!with_more.empty()) {
+      std::cout << "  not symmetric to " << planes_text(with_more)
+                << ", as the mesh is: no such cage of so few points was found; ask for more\n";
+    }
+    if (!never.empty()) {
+      std::cout << "  not symmetric to " << planes_text(never)
+                << ", as the mesh is: a box is along the axes; wraps and hulls are\n";
+    }
   }
   if (!cage.planes.empty()) {
     std::cout << "  symmetric to " << planes_text(cage.planes) << ", as the mesh is, but for " << number_text(cage.asymmetry)
@@ -145,10 +156,9 @@ void add_cage_command(CLI::App& app, const CommonOptions& common, Action& chosen
       ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
   command
-      ->add_option(
-          "--symmetry-tolerance", options->request.symmetry_tolerance,
-          "hull, wrap: a mesh that is this close to its own mirror image, as a fraction of its diagonal, gets a cage that is "
-          "its own; 0: none does")
+      ->add_option("--symmetry-tolerance", options->request.symmetry_tolerance,
+                   "A mesh that is this close to its own mirror image, as a fraction of its diagonal, gets a cage that is "
+                   "its own; 0: none does")
       ->check(CLI::Range(0.0, CageRequest::most_symmetry_tolerance))
       ->capture_default_str();
   command->footer(cage_mesh_footer);

@@ -176,8 +176,10 @@ std::vector<CagePlane> own_planes(const Cage& cage) {
     triangles.push_back({cage.vertices()[a], cage.vertices()[b], cage.vertices()[c]});
   }
   const double tolerance = image_tolerance * cage.diagonal();
-  std::vector<CagePlane> planes;
-  for (const CagePlane& plane : mirror_candidates(triangles)) {
+  std::vector<CagePlane> candidates = mirror_candidates(triangles), planes;
+  const SurfaceMirrors mirrors = surface_mirrors(triangles, tolerance);
+  candidates.insert(candidates.end(), mirrors.planes.begin(), mirrors.planes.end());
+  for (const CagePlane& plane : candidates) {
     const bool known = std::any_of(planes.begin(), planes.end(), [&](const CagePlane& other) {
       return std::abs(dot(plane.normal, other.normal)) > 1 - image_tolerance;
     });

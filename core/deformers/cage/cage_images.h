@@ -54,8 +54,8 @@ CageControls cage_controls(const CageOptions& options, const std::shared_ptr<con
 /// points in such planes.
 void check_cut(const ControlModel& model, const Mesh& mesh, const Symmetry& symmetry, const RunContext& context);
 
-/// In which planes a cage is its own mirror image, vertex by vertex and triangle by triangle to 1e-9 of its diagonal: across
-/// coordinate axes or its principal axes.
+/// In which planes a cage is its own mirror image, vertex by vertex and triangle by triangle to 1e-9 of its diagonal: those of
+/// mirror_candidates() and surface_mirrors().
 std::vector<CagePlane> own_planes(const Cage& cage);
 
 /// The same in no time, before anything is prepared: whether they are near triangles of the cage in the plane. `places` is that

@@ -6,7 +6,6 @@
 #include <cmath>
 #include <cstdio>
 #include <limits>
-#include <map>
 #include <optional>
 #include <string>
 #include <utility>
@@ -18,6 +17,7 @@
 #include "core/base/vectors.h"
 #include "core/mesh/cages/convex_hull.h"
 #include "core/mesh/cages/crossing_triangles.h"
+#include "core/mesh/cages/divided_box.h"
 #include "core/mesh/cages/offset_surface.h"
 #include "core/mesh/inspect.h"
 #include "core/mesh/remeshing/closest_point.h"
@@ -39,7 +39,6 @@ constexpr std::size_t most_grid_nodes = 6000000;
 constexpr std::size_t points_per_task = 1024;
 constexpr double longest_piece = 0.05;  // of D: trees of boxes are slow over long triangles
 constexpr std::size_t most_pieces = 500000;
-constexpr double flattest_right_angle = 3.5;  // ratio of the sides of a rectangle, whose triangles have 15.9 degrees
 
 [[noreturn]] void refuse(const std::string& message) { throw Error(ErrorCode::invalid_argument, message); }
 
@@ -113,92 +112,6 @@ Enclosed enclosed(const Mesh& cage, const Points& points, const RunContext& cont
   return all;
 }
 
-/// What a box is divided into: so many rectangles along each axis.
-using Divisions = std::array<std::size_t, 3>;
-
-std::size_t points_of(const Divisions& n) { return 2 * (n[0] * n[1] + n[1] * n[2] + n[2] * n[0]) + 2; }
-
-double flatness(const Divisions& n, const Vec3& sides) {
-  double least = std::numeric_limits<double>::infinity(), most = 0;
-  for (std::size_t k = 0; k < 3; ++k) {
-    least = std::min(least, sides[k] / static_cast<double>(n[k]));
-    most = std::max(most, sides[k] / static_cast<double>(n[k]));
-  }
-  return most / least;
-}
-
-/// The divisions with the squarest rectangles of all whose points are as many as asked for.
-Divisions divisions_of(const Vec3& sides, std::size_t points) {
-  const auto wanted = static_cast<double>(points);
-  std::optional<Divisions> best;
-  double best_flatness = std::numeric_limits<double>::infinity();
-  std::size_t below = 0, above = 0;
-  // One division more than half of the points would be a bar of four points around.
-  const std::size_t most = points / 2 + 8;
-  for (std::size_t i = 1; i <= most; ++i) {
-    for (std::size_t j = 1; i * j <= most; ++j) {
-      // The only number of divisions along the third axis that gives the count, and those beside it.
-      const double exact = (wanted / 2 - 1 - static_cast<double>(i * j)) / static_cast<double>(i + j);
-      const auto middle = static_cast<std::size_t>(std::max(1.0, std::round(exact)));
-      for (std::size_t k = std::max<std::size_t>(2, middle) - 1; k <= middle + 1; ++k) {
-        const Divisions n{i, j, k};
-        const double flat = flatness(n, sides);
-        if (flat > flattest_right_angle) continue;
-        const std::size_t count = points_of(n);
-        if (count <= points) below = std::max(below, count);
-        if (count >= points) above = above == 0 ? count : std::min(above, count);
-        if (std::abs(static_cast<double>(count) - wanted) > CageRequest::count_tolerance * wanted) continue;
-        if (flat >= best_flatness) continue;
-        best = n;
-        best_flatness = flat;
-      }
-    }
-  }
-  if (best) return *best;
-  std::string near = below > 0 ? std::to_string(below) : "";
-  if (above > 0) near += (near.empty() ? "" : " and ") + std::to_string(above);
-  refuse("points: a box of these proportions has no " + std::to_string(points) + " points with angles of 15 degrees or more" +
-         (near.empty() ? "" : "; near are " + near));
-}
-
-/// Rectangles of two triangles each, the diagonals all the same way.
-Mesh divided_box(const Box& box, const Divisions& n) {
-  Mesh mesh;
-  std::map<Divisions, PointId> numbers;
-  const auto number = [&](const Divisions& at) {
-    const auto [found, added] = numbers.try_emplace(at, static_cast<PointId>(mesh.points.size()));
-    if (added) {
-      Vec3& x = mesh.points.emplace_back();
-      for (std::size_t k = 0; k < 3; ++k) {
-        const double part = static_cast<double>(at[k]) / static_cast<double>(n[k]);
-        x[k] = (1 - part) * box.min[k] + part * box.max[k];
-      }
-    }
-    return found->second;
-  };
-  for (std::size_t k = 0; k < 3; ++k) {
-    const std::size_t a = (k + 1) % 3, b = (k + 2) % 3;
-    for (const bool far : {false, true}) {
-      for (std::size_t j = 0; j < n[b]; ++j) {
-        for (std::size_t i = 0; i < n[a]; ++i) {
-          const auto corner = [&](std::size_t di, std::size_t dj) {
-            Divisions at{};
-            at[k] = far ? n[k] : 0;
-            at[a] = i + di;
-            at[b] = j + dj;
-            return number(at);
-          };
-          std::array<PointId, 4> around{corner(0, 0), corner(1, 0), corner(1, 1), corner(0, 1)};
-          if (!far) std::swap(around[1], around[3]);
-          mesh.face_sizes.insert(mesh.face_sizes.end(), 2, 3);
-          for (const std::size_t c : {0, 1, 2, 0, 2, 3}) mesh.face_points.push_back(around[c]);
-        }
-      }
-    }
-  }
-  return mesh;
-}
-
 void describe(CageAround& cage, const Points& points, const RunContext& context) {
   cage.least_angle = least_angle(SurfaceMesh(cage.mesh));
   cage.clearance = enclosed(cage.mesh, points, context).nearest;
@@ -209,20 +122,11 @@ void describe(CageAround& cage, const Points& points, const RunContext& context)
   cage.genus = even / 2;
 }
 
-CageAround box_around(const Mesh& mesh, const CageRequest& request, const Box& model, const RunContext& context) {
-  CageAround cage;
-  cage.offset = request.offset > 0 ? request.offset : box_padding * model.diagonal();
-  Box box = model;
-  Vec3 sides{};
-  for (std::size_t k = 0; k < 3; ++k) {
-    box.min[k] = std::max(box.min[k] - cage.offset, request.lowest[k]);
-    box.max[k] = std::min(box.max[k] + cage.offset, request.highest[k]);
-    sides[k] = box.max[k] - box.min[k];
-  }
-  cage.mesh = divided_box(box, divisions_of(sides, request.points));
-  cage.attempts = 1;
-  describe(cage, mesh.points, context);
-  return cage;
+[[noreturn]] void refuse_count(std::size_t points, const SquarestDivisions& squarest) {
+  std::string near = squarest.below > 0 ? std::to_string(squarest.below) : "";
+  if (squarest.above > 0) near += (near.empty() ? "" : " and ") + std::to_string(squarest.above);
+  refuse("points: a box of these proportions has no " + std::to_string(points) + " points with angles of 15 degrees or more" +
+         (near.empty() ? "" : "; near are " + near));
 }
 
 bool is_closed(const Mesh& mesh) {
@@ -373,13 +277,13 @@ CageAround around_half(const Mesh& mesh, const CageRequest& request, const RunCo
 }
 
 SurfaceMirrors mirrors_of(const Mesh& mesh, const CageRequest& request, double diagonal, const RunContext& context) {
+  if (request.symmetry_tolerance == 0) return {};
   return surface_mirrors(in_pieces(wrapped(mesh, request.kind, 0), longest_piece * diagonal),
                          request.symmetry_tolerance * diagonal, context);
 }
 
 /// Around a mesh that may be its own mirror image.
 CageAround around_whole(const Mesh& mesh, const CageRequest& request, const Box& box, const RunContext& context) {
-  if (request.symmetry_tolerance == 0) return Wrapping(mesh, request, box, context).run();
   const SurfaceMirrors mirrors = mirrors_of(mesh, request, box.diagonal(), context);
   CageRequest mirrored = request;
   mirrored.planes = mirrors.planes;
@@ -399,6 +303,79 @@ CageAround around_whole(const Mesh& mesh, const CageRequest& request, const Box&
   CageAround cage = Wrapping(mesh, request, box, context).run();
   cage.without = std::move(without);
   cage.nearly_symmetric = mirrors.near;
+  return cage;
+}
+
+/// The box that is to be divided.
+Box padded(const Box& model, const CageRequest& request, double offset) {
+  Box box = model;
+  for (std::size_t k = 0; k < 3; ++k) {
+    box.min[k] = std::max(box.min[k] - offset, request.lowest[k]);
+    box.max[k] = std::min(box.max[k] + offset, request.highest[k]);
+  }
+  return box;
+}
+
+Vec3 sides_of(const Box& box) { return {box.side(0), box.side(1), box.side(2)}; }
+
+/// Planes of the model in which a box may be its own mirror image: across which axes, where, and which these are.
+struct BoxPlanes {
+  std::array<std::optional<CagePlane>, 3> across;
+
+  /// The box of the model enlarged to that of the model and its images in some of the planes.
+  Box enlarged(Box box, const std::array<bool, 3>& mirrored) const {
+    for (std::size_t k = 0; k < 3; ++k) {
+      if (!mirrored[k]) continue;
+      const double middle = across[k]->point[k], half = std::max(box.max[k] - middle, middle - box.min[k]);
+      box.min[k] = middle - half;
+      box.max[k] = middle + half;
+    }
+    return box;
+  }
+};
+
+/// Around a mesh that may be its own mirror image, along the axes.
+CageAround box_around(const Mesh& mesh, const CageRequest& request, const Box& model, const RunContext& context) {
+  CageAround cage;
+  cage.offset = request.offset > 0 ? request.offset : box_padding * model.diagonal();
+  cage.attempts = 1;
+  const SurfaceMirrors mirrors = mirrors_of(mesh, request, model.diagonal(), context);
+  BoxPlanes planes;
+  for (const CagePlane& plane : mirrors.planes) {
+    if (const auto axis = axis_of(plane)) planes.across[*axis] = plane;
+  }
+  // As many of the planes as can be, those across the first axes rather.
+  std::optional<BoxDivisions> divisions;
+  Box box;
+  for (const unsigned mask : {7U, 3U, 5U, 6U, 1U, 2U, 4U, 0U}) {
+    std::array<bool, 3> mirrored{};
+    bool possible = true;
+    for (std::size_t k = 0; k < 3; ++k) {
+      mirrored[k] = (mask >> k & 1U) != 0;
+      possible = possible && (!mirrored[k] || planes.across[k]);
+    }
+    if (!possible) continue;
+    const Box around = planes.enlarged(model, mirrored);
+    box = padded(around, request, cage.offset);
+    for (std::size_t k = 0; k < 3; ++k) {
+      // It must not end in `lowest` or `highest` on one side only.
+      possible =
+          possible && (!mirrored[k] || (box.min[k] == around.min[k] - cage.offset && box.max[k] == around.max[k] + cage.offset));
+    }
+    if (!possible) continue;
+    const SquarestDivisions squarest = squarest_divisions(sides_of(box), request.points, mirrored);
+    divisions = squarest.divisions;
+    if (divisions) break;
+    if (mask == 0) refuse_count(request.points, squarest);
+  }
+  cage.mesh = divided_box(box, *divisions);
+  for (const CagePlane& plane : mirrors.planes) {
+    const auto axis = axis_of(plane);
+    (axis && divisions->mirrored[*axis] ? cage.planes : cage.without).push_back(plane);
+  }
+  if (!cage.planes.empty()) cage.asymmetry = mirrors.deviation;
+  if (mirrors.near && axis_of(mirrors.near->plane)) cage.nearly_symmetric = mirrors.near;
+  describe(cage, mesh.points, context);
   return cage;
 }
 

@@ -36,7 +36,8 @@ struct CageRequest {
   /// on the side of the mesh come first, those in the planes among them. Not for boxes.
   std::vector<CagePlane> planes{};
   /// Without `planes`: a surface that is this close to its own mirror image, as a fraction of D, gets a hull or wrap that is its
-  /// own mirror image in each such plane, as with `planes`; 0: none is looked for. At most most_symmetry_tolerance.
+  /// own mirror image in each such plane, as with `planes`, or a box that is in those across axes; 0: none is looked for. At most
+  /// most_symmetry_tolerance.
   double symmetry_tolerance = usual_symmetry_tolerance;
 
   static constexpr std::size_t least_points = 8, most_points = 10000;
@@ -58,12 +59,14 @@ struct CageAround {
   std::size_t components = 0;  ///< that are not connected
   std::size_t genus = 0;       ///< of all components together
   int attempts = 0;            ///< with growing offsets, the last of which made it
-  /// In which it is its own mirror image: those that were asked for, or found. Of boxes none are told.
+  /// In which it is its own mirror image: those that were asked for, or found.
   std::vector<CagePlane> planes{};
-  /// Planes of the model that were found, but in which no cage of so few points was its own mirror image.
+  /// Planes of the model that were found, but in which no cage of so few points was its own mirror image, or no box along the
+  /// axes can be.
   std::vector<CagePlane> without{};
   double asymmetry = 0;  ///< with planes that were found: the largest distance of the model from its image, model units
-  /// The plane that was not taken because the model is farther from its image, if there is one that comes near.
+  /// The plane that was not taken because the model is farther from its image, if there is one that comes near; of boxes, across
+  /// an axis.
   std::optional<SurfaceMirrors::Near> nearly_symmetric{};
 };
 
@@ -71,8 +74,9 @@ struct CageAround {
 /// quarter until all points are inside and keep least_clearance, no two triangles cross, all angles are least_angle or more and
 /// the count is met. Of a half model all this is that of the whole cage around the whole model. A model that is its own mirror
 /// image within symmetry_tolerance gets a cage around itself and its images, as if they were half models; if none is found with
-/// these planes, one without. The faces of the mesh need not be closed, consistent or manifold; isolated points are enclosed,
-/// too. Deterministic.
+/// these planes, one with fewer or without. A box that is its own mirror image has an even number of rectangles along the axis
+/// across the plane. The faces of the mesh need not be closed, consistent or manifold; isolated points are
+/// enclosed, too. Deterministic.
 ///
 /// Throws Error(invalid_argument): options out of their limits, the errors of MirrorFrame and planes for a box, no point, points
 /// that all coincide, a box that cannot have so many points, an offset that is too small for a grid; Error(failed_precondition)

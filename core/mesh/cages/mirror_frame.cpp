@@ -52,14 +52,18 @@ std::string place_text(const Vec3& place) {
   return text + ")";
 }
 
+std::optional<std::size_t> axis_of(const CagePlane& plane) {
+  const double size = norm(plane.normal);
+  for (std::size_t k = 0; k < 3; ++k) {
+    if (std::abs(plane.normal[k]) >= (1 - 1e-12) * size) return k;
+  }
+  return std::nullopt;
+}
+
 std::string plane_text(const CagePlane& plane) {
   constexpr std::array<char, 3> names{'x', 'y', 'z'};
-  const Vec3 axis = plane.normal / norm(plane.normal);
-  for (std::size_t k = 0; k < 3; ++k) {
-    if (std::abs(axis[k]) < 1 - 1e-12) continue;
-    return std::string(1, names[k]) + " = " + short_number(plane.point[k]);
-  }
-  return "the plane through " + place_text(plane.point) + " across " + place_text(axis);
+  if (const auto k = axis_of(plane)) return std::string(1, names[*k]) + " = " + short_number(plane.point[*k]);
+  return "the plane through " + place_text(plane.point) + " across " + place_text(plane.normal / norm(plane.normal));
 }
 
 std::string planes_text(std::span<const CagePlane> planes) {

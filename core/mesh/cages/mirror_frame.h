@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstddef>
+#include <optional>
 #include <span>
 #include <string>
 
@@ -16,6 +17,8 @@ struct CagePlane {
   Vec3 point{}, normal{};  ///< the normal need not be of unit length; its direction does not matter
 };
 
+/// The coordinate axis that a plane is across, if there is one, to 1e-12.
+std::optional<std::size_t> axis_of(const CagePlane& plane);
 /// "(1, 0, 0.25)"
 std::string place_text(const Vec3& place);
 /// "y = 0", or "the plane through (1, 0, 2) across (0.6, 0.8, 0)".

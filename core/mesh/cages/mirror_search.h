@@ -14,13 +14,15 @@ namespace deform {
 
 /// Planes in which a body may be its own mirror image, with unit normals: across the coordinate axes, through the origin, the
 /// middle of its box and its centroid, and across its principal axes, through the centroid; where two principal moments are
-/// nearly the same, across axes in between, too. Centroid and moments are those of the area or, where there is none, of the
+/// nearly the same, across some axes in between, too. Centroid and moments are those of the area or, where there is none, of the
 /// corners.
 std::vector<CagePlane> mirror_candidates(std::span<const TriangleCorners> triangles);
 
 /// In which planes a surface is its own mirror image.
 struct SurfaceMirrors {
-  /// Orthogonal to each other, at most 3, with unit normals; across coordinate axes if that fits as well.
+  /// Orthogonal to each other, at most 3, with unit normals, those across coordinate axes first. A surface that has more is given
+  /// the plane that fits best, then the best of those orthogonal to it, and so on. Of planes that fit as well, with deviations of
+  /// at most 1.5 times the least, it is one across a coordinate axis, or else that from which the surface reaches least far.
   std::vector<CagePlane> planes;
   /// The largest distance of the surface from its mirror image in any of them, model units.
   double deviation = 0;
@@ -39,8 +41,11 @@ struct SurfaceMirrors {
 /// Looks for planes in which the corners of triangles have images at most `tolerance` (model units, over 0) from the triangles.
 /// What counts is the surface: vertices need not be images of each other, as those of surfaces that were meshed without regard to
 /// their symmetry are not. A reflection takes itself back, so the surface is nowhere farther from its image either. Triangles
-/// must be small as against the features of the surface, as only corners are looked at. Among mirror_candidates() those that
-/// nearly fit are moved to where they fit best (iterated closest points: Besl and McKay 1992). Deterministic.
+/// must be small as against the features of the surface, as only corners are looked at. Planes across coordinate and principal
+/// axes that nearly fit are moved to where they fit best: by Gauss-Newton steps of the distances between images and surface
+/// (iterated closest points with distances from planes: Chen and Medioni 1992). Mirror planes are across eigenvectors of the
+/// second moments, so where two of the three moments are the same, or all, planes across directions between these axes, in steps
+/// of a degree, or over a ball, in steps of 4.5 degrees, are tried likewise. Deterministic.
 ///
 /// Throws Error(cancelled, deadline_exceeded) by the context.
 SurfaceMirrors surface_mirrors(std::vector<TriangleCorners> triangles, double tolerance, const RunContext& context = {});

@@ -73,12 +73,12 @@ std::uint32_t ClosestPoint::build(std::uint32_t begin, std::uint32_t end) {
   return index;
 }
 
-Vec3 ClosestPoint::operator()(const Vec3& x) const {
+ClosestPoint::Found ClosestPoint::find(const Vec3& x, double enough) const {
   double least = std::numeric_limits<double>::infinity();
-  Vec3 best{};
+  Found best;
   std::array<std::uint32_t, 64> open{};  // a halved list has at most 32 levels
   std::size_t count = 1;
-  while (count > 0) {
+  while (count > 0 && (least > enough * enough || enough == 0)) {
     const std::uint32_t index = open[--count];
     const Node& node = nodes_[index];
     if (squared_distance_to(node.box, x) >= least) continue;
@@ -88,7 +88,7 @@ Vec3 ClosestPoint::operator()(const Vec3& x) const {
         const double distance = squared_distance(candidate, x);
         if (distance < least) {
           least = distance;
-          best = candidate;
+          best = {candidate, i};
         }
       }
       continue;

@@ -21,8 +21,16 @@ class ClosestPoint {
   explicit ClosestPoint(std::vector<TriangleCorners> triangles);
 
   bool empty() const { return triangles_.empty(); }
-  /// The first of equally close ones in the order of the tree; there must be a triangle.
-  Vec3 operator()(const Vec3& x) const;
+  struct Found {
+    Vec3 point{};
+    std::uint32_t triangle = 0;  ///< that has it, by its place in the order of the tree
+  };
+  /// The first of equally close ones in the order of the tree, or any that is at most `enough` (model units) away, which takes
+  /// less time; there must be a triangle.
+  Found find(const Vec3& x, double enough = 0) const;
+  /// Its point.
+  Vec3 operator()(const Vec3& x) const { return find(x).point; }
+  const TriangleCorners& triangle(std::uint32_t index) const { return triangles_[index]; }
 
  private:
   struct Node {

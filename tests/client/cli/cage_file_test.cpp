@@ -88,6 +88,10 @@ TEST_F(CageFile, IsMadeAroundTheMesh) {
               0.01);
   expect_cage(read_with("{cage: {generate: {kind: HULL, points: 80, offset: 0.25}}}").method().cage(), CageKind::hull, 80, 0.25);
   expect_cage(read_with("{cage: {generate: {kind: BOX, points: 26}}}").method().cage(), CageKind::box, 26, 0);
+  expect_cage(read_with("{cage: {generate: {kind: BOX, points: 26}, control: MESH}}").method().cage(), CageKind::box, 26, 0,
+              usual);
+  expect_cage(read_with("{cage: {generate: {kind: BOX, points: 26, symmetry_tolerance: 0.01}}}").method().cage(), CageKind::box,
+              26, 0, 0.01);
   const v1::Setup defaults = read_with("{cage: {generate: {}}}");
   expect_cage(defaults.method().cage(), CageKind::wrap, 400, 0);
   EXPECT_EQ(read_with("{cage: {generate: {}}}").SerializeAsString(), defaults.SerializeAsString());
@@ -104,7 +108,6 @@ TEST_F(CageFile, IsMadeAroundTheMesh) {
   };
   refused("{cage: {generate: {points: 7}}}", {"ball.yaml: method.cage.generate: ", "8", "10000"});
   refused("{cage: {generate: {symmetry_tolerance: 0.2}}}", {"method.cage.generate: symmetry_tolerance", "0 to 0.1"});
-  refused("{cage: {generate: {kind: BOX, points: 26, symmetry_tolerance: 0.01}}}", {"symmetry_tolerance", "WRAP and HULL"});
   refused("{cage: {generate: {}, file: ball.obj}}", {"method.cage.file: generate is given as well"});
   refused("{cage: {generate: {}, vertices: [0, 0, 0]}}", {"method.cage.generate: vertices and triangles are given as well"});
   refused("{cage: {}}", {"method.cage.file: missing", "generate"});

@@ -273,6 +273,18 @@ TEST(Cage, SaysInWhichPlanesItIsItsOwnMirrorImage) {
   CageOptions turned = octahedron;
   for (Vec3& x : turned.vertices) x = {0.6 * x[0] - 0.8 * x[1], 0.8 * x[0] + 0.6 * x[1], x[2]};
   EXPECT_THAT(note_of(turned), testing::HasSubstr(" image in z = 0, the plane through ("));
+  // Its moments are all the same, so that its principal axes are any.
+  CageOptions regular = octahedron;
+  for (Vec3& x : regular.vertices) {
+    const double size = norm(x), c = std::cos(0.4), s = std::sin(0.4);
+    const Vec3 y{(c * x[0] - s * x[1]) / size, (s * x[0] + c * x[1]) / size, x[2] / size};
+    x = {y[0], 0.6 * y[1] - 0.8 * y[2], 0.8 * y[1] + 0.6 * y[2]};
+  }
+  const std::string note = note_of(regular);
+  std::size_t told = 0;
+  for (std::size_t at = note.find("the plane through"); at != std::string::npos; at = note.find("the plane through", at + 1))
+    ++told;
+  EXPECT_GE(told, 3u) << note;
   EXPECT_THAT(note_of(cage_options()), testing::Not(testing::HasSubstr("image")));
   // The vertices are images of each other, but not the triangles.
   CageOptions box;

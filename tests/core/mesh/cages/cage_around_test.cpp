@@ -13,6 +13,7 @@
 #include <set>
 #include <span>
 #include <string>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -399,7 +400,13 @@ void for_each_division(const Vec3& sides, std::size_t most, const Use& use) {
         const std::size_t points = (i + 1) * (j + 1) * (k + 1) - (i - 1) * (j - 1) * (k - 1);
         const std::array<double, 3> lengths{sides[0] / static_cast<double>(i), sides[1] / static_cast<double>(j),
                                             sides[2] / static_cast<double>(k)};
-        use(points, *std::max_element(lengths.begin(), lengths.end()) / *std::min_element(lengths.begin(), lengths.end()));
+        const double ratio =
+            *std::max_element(lengths.begin(), lengths.end()) / *std::min_element(lengths.begin(), lengths.end());
+        if constexpr (std::is_invocable_v<Use, std::size_t, double, const Divisions&>) {
+          use(points, ratio, Divisions{i, j, k});
+        } else {
+          use(points, ratio);
+        }
       }
     }
   }
@@ -436,6 +443,104 @@ TEST(CageAround, BoxesHaveTheSquarestRectanglesOfAll) {
     }
   }
   EXPECT_GE(made, 12u);
+}
+
+// Of all divisions that are even along the axes across the planes, too.
+TEST(CageAround, BoxesOfSymmetricModelsAreTheirOwnMirrorImages) {
+  const Mesh car = ahmed_body({.target_points = 2000}), ball = test::sphere(1, 4);
+  for (const Mesh* mesh : {&car, &ball}) {
+    const std::size_t planes = mesh == &car ? 1 : 3;
+    const Box model = bounding_box(mesh->points);
+    for (const std::size_t points : {26u, 98u, 300u, 1000u}) {
+      SCOPED_TRACE(testing::Message() << planes << " planes, " << points << " points");
+      const CageAround cage = cage_around(*mesh, {.kind = CageKind::box, .points = points, .offset = 0.1});
+      expect_cage(cage, *mesh, points);
+      ASSERT_EQ(cage.planes.size(), planes);
+      EXPECT_TRUE(cage.without.empty());
+      EXPECT_EQ(cage.asymmetry, 0);
+      for (const CagePlane& plane : cage.planes) expect_own_image(cage.mesh, plane);
+      Vec3 lengths{};
+      std::array<std::size_t, 3> counts{};
+      for (std::size_t k = 0; k < 3; ++k) {
+        lengths[k] = model.side(static_cast<int>(k)) + 0.2;
+        counts[k] = coordinates(cage.mesh, k) - 1;
+      }
+      const auto is_even = [&](const std::array<std::size_t, 3>& n) {
+        return std::all_of(cage.planes.begin(), cage.planes.end(), [&](const CagePlane& plane) {
+          return n[static_cast<std::size_t>(std::find(plane.normal.begin(), plane.normal.end(), 1) - plane.normal.begin())] % 2 ==
+                 0;
+        });
+      };
+      EXPECT_TRUE(is_even(counts));
+      double squarest = std::numeric_limits<double>::infinity(), made = 0;
+      for_each_division(lengths, 60, [&](std::size_t count, double ratio, const Divisions& n) {
+        if (n == counts) made = ratio;
+        if (!is_even(n)) return;
+        if (std::abs(static_cast<double>(count) - static_cast<double>(points)) > 0.05 * static_cast<double>(points)) return;
+        squarest = std::min(squarest, ratio);
+      });
+      EXPECT_NEAR(made, squarest, 1e-9);
+    }
+  }
+}
+
+// A box ends where the model and its image end.
+TEST(CageAround, BoxesOfNearlySymmetricModelsHoldTheImages) {
+  Mesh car = ahmed_body({.target_points = 2000});
+  const double diagonal = bounding_box(car.points).diagonal(), bump = 5e-4 * diagonal;
+  for (Vec3& x : car.points) {
+    const double r = distance(x, {0.5, 0.2, 0.2}) / (0.1 * diagonal);
+    x[1] += bump * std::exp(-r * r);
+  }
+  const CageAround cage = cage_around(car, {.kind = CageKind::box, .points = 98, .offset = 0.1});
+  ASSERT_EQ(cage.planes.size(), 1u);
+  expect_own_image(cage.mesh, cage.planes[0]);
+  EXPECT_NEAR(cage.asymmetry, bump, 0.1 * bump);
+  const Box box = bounding_box(cage.mesh.points), model = bounding_box(car.points);
+  EXPECT_NEAR(box.max[1], model.max[1] + 0.1, 1e-15);
+  EXPECT_NEAR(box.min[1], -box.max[1], 1e-15);
+  EXPECT_LT(box.min[1], model.min[1] - 0.1);
+}
+
+TEST(CageAround, BoxesAreNoImagesWhereTheyCannotBe) {
+  const Mesh car = ahmed_body({.target_points = 2000}), ball = test::sphere(1, 4);
+  const auto expect_same = [](const CageAround& cage, const CageAround& other) {
+    EXPECT_EQ(cage.mesh.points, other.mesh.points);
+    EXPECT_EQ(cage.mesh.face_points, other.mesh.face_points);
+  };
+  // Turned, so that no axis is across the plane.
+  Mesh turned = car;
+  for (Vec3& x : turned.points) x = {0.8 * x[0] - 0.6 * x[1], 0.6 * x[0] + 0.8 * x[1], x[2]};
+  const CageAround askew = cage_around(turned, {.kind = CageKind::box, .points = 98});
+  EXPECT_TRUE(askew.planes.empty());
+  EXPECT_EQ(askew.without.size(), 1u);
+  expect_same(askew, cage_around(turned, {.kind = CageKind::box, .points = 98, .symmetry_tolerance = 0}));
+  // Not wanted, or not so symmetric.
+  const CageAround plain = cage_around(car, {.kind = CageKind::box, .points = 98, .symmetry_tolerance = 0});
+  EXPECT_TRUE(plain.planes.empty() && plain.without.empty());
+  Mesh bumped = car;
+  for (Vec3& x : bumped.points) x[1] += distance(x, {0.5, 0.2, 0.2}) < 0.1 ? 0.02 : 0.0;
+  const CageAround usual = cage_around(bumped, {.kind = CageKind::box, .points = 98});
+  EXPECT_TRUE(usual.planes.empty() && usual.without.empty());
+  expect_same(usual, cage_around(bumped, {.kind = CageKind::box, .points = 98, .symmetry_tolerance = 0}));
+  // A cube of one rectangle along each axis has a diagonal in each.
+  const CageAround few = cage_around(ball, {.kind = CageKind::box, .points = 8});
+  EXPECT_EQ(few.without.size(), 3u);
+  // Two along one axis are 12 points.
+  const CageAround fewer = cage_around(ball, {.kind = CageKind::box, .points = 12});
+  ASSERT_EQ(fewer.planes.size(), 1u);
+  EXPECT_EQ(fewer.without.size(), 2u);
+  expect_own_image(fewer.mesh, fewer.planes[0]);
+  // It ends on one side of a plane.
+  CageRequest ending{.kind = CageKind::box, .points = 98, .offset = 0.2};
+  ending.lowest[2] = -1;
+  const CageAround ended = cage_around(ball, ending);
+  EXPECT_EQ(ended.planes.size(), 2u);
+  for (const CagePlane& plane : ended.planes) {
+    EXPECT_EQ(plane.normal[2], 0);
+    expect_own_image(ended.mesh, plane);
+  }
+  EXPECT_EQ(bounding_box(ended.mesh.points).min[2], -1);
 }
 
 TEST(CageAround, NamesTheNearestNumbersOfPointsOfABox) {

@@ -82,6 +82,12 @@ TEST(ClosestPoint, IsNoFartherThanAnySample) {
     EXPECT_NEAR(found, brute, 1e-14);
     EXPECT_LE(found, sampled + 1e-14);
     EXPECT_GE(found, sampled - 0.06) << "edges of at most 3.5, sampled at 1/60 of them";
+    // With a distance that is enough, one that is as near or the nearest, in the triangle that is named.
+    for (const double enough : {0.0, 0.5 * brute, 1.5 * brute, 10.0}) {
+      const ClosestPoint::Found near = closest.find(x, enough);
+      EXPECT_LE(distance(x, near.point), std::max(enough, brute) + 1e-14);
+      EXPECT_LE(distance(near.point, closest_point(closest.triangle(near.triangle), near.point)), 1e-14);
+    }
   }
 }
 
