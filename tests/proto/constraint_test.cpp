@@ -332,6 +332,30 @@ TEST(ConvertConstraint, ReportsTellHowTheSolutionWent) {
   EXPECT_TRUE(message.residuals(0).missed());
 }
 
+TEST(ConvertConstraint, ReportsTellWhatHeldPointsMiss) {
+  const auto setup = setup_from_proto(with(R"({"handles": [{"name": "roof", "region": {"ids": [0]}}],
+                                               "constraints": [{"name": "c", "planar": {}}, {"name": "d", "planar": {}}]})"),
+                                      10);
+  DesignReport report;
+  report.at_rounding = true;
+  report.constraints.resize(2);
+  report.constraints[0].held = {{0, 8}, {ConstraintReport::Held::fixed, 4}};
+  report.constraints[0].held_misfit = {0.2, 0.1};
+  const v1::ConstraintsReport message = constraints_report(report, setup);
+  EXPECT_TRUE(message.at_rounding());
+  const v1::ConstraintResidual& of = message.residuals(0);
+  ASSERT_EQ(of.held_size(), 2);
+  EXPECT_EQ(of.held(0).handle(), "roof");
+  EXPECT_EQ(of.held(0).points(), 8u);
+  EXPECT_EQ(of.held(1).handle(), "");
+  EXPECT_EQ(of.held(1).points(), 4u);
+  EXPECT_EQ(of.held_largest(), 0.2);
+  EXPECT_EQ(of.held_rms(), 0.1);
+  EXPECT_EQ(message.residuals(1).held_size(), 0);
+  EXPECT_FALSE(message.residuals(1).has_held_largest());
+  EXPECT_FALSE(message.residuals(1).has_held_rms());
+}
+
 TEST(ConvertConstraint, HeightsOfLayersAreThoseOfTheReport) {
   const auto setup = setup_from_proto(with(R"({"constraints": [{"name": "c", "planar": {}}, {"name": "d", "planar": {}}]})"), 10);
   DesignReport report;
