@@ -195,6 +195,34 @@ TEST(Estimate, SecondsGrowWithWhatIsHeld) {
   }
 }
 
+/// With few samples most of the time goes to the body that a closed surface encloses and what places see of it, told as a ratio
+/// to that of the same surface as a surface.
+TEST(Estimate, SecondsOfMlsCountTheBody) {
+  Mesh mesh = test::solid_cube(24);
+  mesh.elements = nullptr;  // its faces alone
+  const auto cube = shared(std::move(mesh));
+  ASSERT_EQ(cube->cell_count(), 0u);
+  struct Seconds {
+    double told, taken;
+  };
+  const auto seconds = [&](MlsDomain domain) {
+    MlsOptions options;
+    options.surface_samples = 80;
+    options.volume_samples = domain == MlsDomain::surface ? 0 : 40;
+    options.domain = domain;
+    deform::Setup setup = cube_setup();
+    setup.method = options;
+    const double told = estimate(*cube, setup).seconds;
+    const std::clock_t start = std::clock();
+    prepare(cube, setup);
+    return Seconds{told, static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC};
+  };
+  const Seconds surface = seconds(MlsDomain::surface), body = seconds(MlsDomain::enclosed);
+  const double more_told = body.told - surface.told, more_taken = body.taken - surface.taken;
+  EXPECT_GT(more_taken, surface.taken);
+  EXPECT_GT(more_told, 0.3 * surface.told * more_taken / surface.taken);
+}
+
 TEST(Estimate, RefusesWhatPreparingRefuses) {
   const auto cube = shared(test::solid_cube(4));
   const auto refused = [&](const Constraint& constraint, const std::vector<const char*>& parts) {
