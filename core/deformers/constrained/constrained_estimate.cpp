@@ -22,8 +22,8 @@ constexpr std::size_t small_assembly = std::size_t{64} << 20;
 constexpr std::size_t shape_bytes = 64;  // of a point in a projection
 constexpr std::size_t most_parameters = 7, few_set_points = 64;
 constexpr double per_pair = 4e-9;        // seconds to assemble Phi^T Phi: for each pair of functions at a point
-constexpr double per_product = 2.5e-11;    // seconds of an operation in products of dense matrices
-constexpr double per_solution = 5e-10;    // seconds of an entry of a dense factor in a solution
+constexpr double per_product = 2.5e-11;  // seconds of an operation in products of dense matrices
+constexpr double per_solution = 5e-10;   // seconds of an entry of a dense factor in a solution
 constexpr std::size_t column_cover = 2;  // functions of a column, over those of a point
 
 /// The counts that determine the memory.
