@@ -121,6 +121,20 @@ std::vector<Region> regions_of(Places places) {
   return result;
 }
 
+std::vector<ConstraintReport::Held> held_points(const std::vector<std::vector<PointId>>& of, const SelectedRegions& regions) {
+  std::vector<ConstraintReport::Held> result;
+  const auto count = [&](const std::vector<PointId>& holding, std::size_t handle) {
+    std::size_t points = 0;
+    for (const std::vector<PointId>& ids : of) {
+      for (const PointId id : ids) points += std::binary_search(holding.begin(), holding.end(), id) ? 1 : 0;
+    }
+    if (points > 0) result.push_back({handle, points});
+  };
+  for (std::size_t h = 0; h < regions.handles.size(); ++h) count(regions.handles[h], h);
+  count(regions.fixed, ConstraintReport::Held::fixed);
+  return result;
+}
+
 }  // namespace
 
 MirroredConstraints::MirroredConstraints(const Setup& half, const Mesh& mesh, const SelectedRegions& regions,
@@ -143,6 +157,7 @@ MirroredConstraints::MirroredConstraints(const Setup& half, const Mesh& mesh, co
         columns ? mirrored.images() - 1
                 : continued_planes(constraint, own, symmetry, mirrored, units, "constraints[" + std::to_string(i) + "]");
     add_set(constraint, own, symmetry, planes, columns);
+    if (!columns) sets_.back().held = held_points(own, regions);
     for (std::size_t g = 0; g < mirrored.images(); ++g) {
       if ((g & planes) != 0) continue;
       Constraint& copy = constraints.emplace_back(constraint);
@@ -192,6 +207,12 @@ std::vector<ConstraintReport> MirroredConstraints::reports(std::span<const Const
     report.rms += whole[c].rms * whole[c].rms;
     report.missed = report.missed || whole[c].missed;
     report.given_up = report.given_up || whole[c].given_up;
+    if (!whole[c].held.empty()) report.held = sets_[constraint_of[c]].held;
+    if (whole[c].held_misfit) {
+      if (!report.held_misfit) report.held_misfit.emplace();
+      report.held_misfit->max = std::max(report.held_misfit->max, whole[c].held_misfit->max);
+      report.held_misfit->rms += whole[c].held_misfit->rms * whole[c].held_misfit->rms;
+    }
     merge(whole[c].heights, report.heights);
     merge(whole[c].heights_before, report.heights_before);
     ++copies[constraint_of[c]];
@@ -199,6 +220,7 @@ std::vector<ConstraintReport> MirroredConstraints::reports(std::span<const Const
   for (std::size_t i = 0; i < result.size(); ++i) {
     result[i].rms_before = std::sqrt(result[i].rms_before / copies[i]);
     result[i].rms = std::sqrt(result[i].rms / copies[i]);
+    if (result[i].held_misfit) result[i].held_misfit->rms = std::sqrt(result[i].held_misfit->rms / copies[i]);
     const Set& set = sets_[i];
     if (set.projection == nullptr) continue;
     std::vector<Vec3> x, onto(set.places.size());

@@ -49,6 +49,7 @@ struct MirroredConstraints {
     std::vector<Place> places;
     std::unique_ptr<const Projection> projection;  ///< null for columns of cells
     bool exact = false;
+    std::vector<ConstraintReport::Held> held;  ///< points of the half model
   };
   void add_set(const Constraint& constraint, const std::vector<std::vector<PointId>>& regions, const Symmetry& symmetry,
                std::size_t planes, bool columns);

@@ -67,6 +67,21 @@ struct ConstraintReport {
   };
   std::optional<Heights> heights{};         ///< as delivered
   std::optional<Heights> heights_before{};  ///< in the deformation without constraints
+
+  /// Of its points those that handles or fixed regions hold, so that they keep their prescribed positions; each point of the set
+  /// counts, one of two regions twice. Not of columns of cells.
+  struct Held {
+    static constexpr std::size_t fixed = static_cast<std::size_t>(-1);
+    std::size_t handle = fixed;  ///< its position in the setup
+    std::size_t points = 0;
+  };
+  std::vector<Held> held{};  ///< by handles in the order of the setup, then by fixed regions
+  /// What is left of `max` and `rms` where all points that are not held are where that is least: no weight and no method goes
+  /// below this rms. Only with held points and where `max` exceeds 1 % of the largest prescribed displacement.
+  struct HeldMisfit {
+    double max = 0, rms = 0;
+  };
+  std::optional<HeldMisfit> held_misfit{};
 };
 
 /// Report on one evaluated design.
@@ -89,6 +104,7 @@ struct DesignReport {
   /// points at rest.
   std::size_t torn_edges = 0;
   bool converged = true;              ///< whether the solver and the constraint iteration reached their tolerances
+  bool at_rounding = false;           ///< not converged, but only as the tolerance of constraints is less than rounding allows
   std::vector<std::string> warnings;  ///< reasons why the method may not suit this design, one sentence each
 
   // For setups with constraints (thesis 8.5):

@@ -110,11 +110,12 @@ bool stored_without_exact_steps(const v1::Setup& setup) {
          energy != nullptr && energy->has_bending() && energy->handles() != v1::HANDLES_DEFAULT;
 }
 
+/// Ignored without exact constraints: of these the canonical form does not name it, so that it would look as if stored long ago.
 ExactSteps exact_steps(const v1::Setup& setup) {
   const bool centres =
       known(setup.constraint_options().exact_steps(), "constraint_options.exact_steps") == v1::EXACT_STEPS_AT_CENTRES ||
       stored_without_exact_steps(setup);
-  return centres ? ExactSteps::centres : ExactSteps::joins;
+  return centres && has_exact(setup) ? ExactSteps::centres : ExactSteps::joins;
 }
 
 }  // namespace

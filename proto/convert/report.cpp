@@ -26,8 +26,18 @@ v1::ConstraintsReport constraints_report(const DesignReport& report, const Setup
       residual.set_free_least_height(of.heights_before->least);
       residual.set_free_largest_height(of.heights_before->largest);
     }
+    for (const ConstraintReport::Held& held : of.held) {
+      v1::ConstraintResidual::Held& message = *residual.add_held();
+      if (held.handle != ConstraintReport::Held::fixed) message.set_handle(setup.handles[held.handle].name);
+      message.set_points(held.points);
+    }
+    if (of.held_misfit) {
+      residual.set_held_largest(of.held_misfit->max);
+      residual.set_held_rms(of.held_misfit->rms);
+    }
   }
   message.set_converged(report.converged);
+  message.set_at_rounding(report.at_rounding);
   message.set_iterations(static_cast<std::uint32_t>(report.iterations + report.newton_steps));
   message.set_newton_steps(static_cast<std::uint32_t>(report.newton_steps));
   message.set_convergence_error(report.convergence_error);

@@ -64,6 +64,12 @@ std::string condition_advice(const SolutionFacts& facts) {
   return "; the condition of the system is " + rounded(facts.condition) + ": " + fewer_or_smoother;
 }
 
+/// Whether the solution of constraints is as near as doubles allow, nearer than which the tolerance is. Its error is judged like
+/// that of one that has converged.
+bool at_rounding(const SolutionFacts& facts, const v1::DesignResult& result) {
+  return !facts.converged && result.constraints().at_rounding();
+}
+
 /// Whether a solution that has not converged is one of a direct solver, which has no tolerance of the user's to reach, and is
 /// told to be so accurate that it is harmless even so. In 36 designs with conditions from 8e18 to 2e21 whose refinement did not
 /// converge the true error was up to 1450 times the estimated one, and below 1e-8 of the motion where less than 1e-9 was told.
@@ -85,7 +91,7 @@ void judge_solution(const SolutionFacts& facts, const v1::DesignResult& result, 
   if (only_unrefined(facts, result)) {
     found.emplace_back(v1::VERDICT_DOUBTFUL, "the refinement of the solution did not converge: the estimated error is " +
                                                  rounded(result.estimated_error()) + ", and may be a thousand times too small");
-  } else if (!facts.converged) {
+  } else if (!facts.converged && !at_rounding(facts, result)) {
     found.emplace_back(v1::VERDICT_BAD, "the solver did not reach its tolerance: " + error + condition_advice(facts) +
                                             least_squares_advice(facts, relative) + clamp_advice(facts));
   } else if (large) {
@@ -202,16 +208,41 @@ void judge_heights(const v1::ConstraintResidual& residual, std::vector<Finding>&
           ": points above the wall are held, exact or on two walls, or the wall folds; hold no points above the wall");
 }
 
+/// Why no weight meets a constraint: ": 12 of its points are held, 8 by handle "roof" and 4 by fixed regions, and ...". Empty
+/// unless what these points miss by themselves is at least half of what all do, a quarter of the squares.
+std::string held_reason(const v1::ConstraintResidual& residual) {
+  constexpr double most_of_it = 0.5;
+  if (!residual.has_held_rms() || !(residual.held_rms() >= most_of_it * residual.rms())) return {};
+  std::uint64_t points = 0;
+  std::string by;
+  bool handles = false;
+  for (int h = 0; h < residual.held_size(); ++h) {
+    const auto& held = residual.held(h);
+    points += held.points();
+    handles = handles || !held.handle().empty();
+    if (h > 0) by += h + 1 < residual.held_size() ? ", " : " and ";
+    if (residual.held_size() > 1) by += std::to_string(held.points()) + " ";
+    by += held.handle().empty() ? "by fixed regions" : "by handle \"" + held.handle() + "\"";
+  }
+  const bool one = points == 1;
+  return std::to_string(points) + (one ? " of its points is held" : " of its points are held") +
+         (residual.held_size() > 1 ? ", " : " ") + by + ", and " + (one ? "it alone misses" : "these alone miss") +
+         " the shape by up to " + rounded(residual.held_largest()) + " (rms " + rounded(residual.held_rms()) + " of " +
+         rounded(residual.rms()) + "), which no weight changes: take " + (one ? "it" : "them") + " out of the region" +
+         (handles ? ", or let the handle follow the shape" : "");
+}
+
 /// A constraint that is met in the least-squares sense, but hardly; those of layers are judged by their heights.
 void judge_residual(const SolutionFacts& facts, double prescribed, const v1::ConstraintResidual& residual,
                     std::vector<Finding>& found) {
   if (residual.has_least_height() || residual.missed() || !(prescribed > negligible_error * facts.diagonal)) return;
   if (residual.largest() <= doubtful_constraint * prescribed) return;
-  found.emplace_back(v1::VERDICT_DOUBTFUL, "constraint \"" + residual.name() + "\" is missed by up to " +
-                                               rounded(residual.largest()) + ", " + rounded(residual.largest() / prescribed) +
-                                               " of the largest prescribed displacement, without it by " +
-                                               rounded(residual.free_largest()) + ": " + facts.method.more_freedom +
-                                               "a larger weight, or `exact: true`");
+  const std::string held = held_reason(residual);
+  found.emplace_back(v1::VERDICT_DOUBTFUL,
+                     "constraint \"" + residual.name() + "\" is missed by up to " + rounded(residual.largest()) + ", " +
+                         rounded(residual.largest() / prescribed) + " of the largest prescribed displacement, without it by " +
+                         rounded(residual.free_largest()) + ": " +
+                         (held.empty() ? facts.method.more_freedom + "a larger weight, or `exact: true`" : held));
 }
 
 void judge_constraints(const SolutionFacts& facts, const v1::DesignResult& result, std::vector<Finding>& found) {
@@ -222,7 +253,9 @@ void judge_constraints(const SolutionFacts& facts, const v1::DesignResult& resul
   }
   std::string names;
   for (const auto& residual : constraints.residuals()) {
-    if (residual.missed()) names += (names.empty() ? "\"" : ", \"") + residual.name() + "\"";
+    if (!residual.missed()) continue;
+    const std::string held = held_reason(residual);
+    names += (names.empty() ? "\"" : ", \"") + residual.name() + "\"" + (held.empty() ? "" : " (" + held + ")");
   }
   if (!names.empty()) found.emplace_back(v1::VERDICT_BAD, "exact constraints are missed: " + names);
   if (constraints.exact_given_up()) {
@@ -255,11 +288,19 @@ MethodFacts method_facts(const v1::Setup& setup) {
   return facts;
 }
 
+std::string rounding_note(double convergence_error) {
+  return "the tolerance of the constraints is less than rounding allows: their points are about " + rounded(convergence_error) +
+         " from the solution, as near as doubles come; a larger constraint_options.tolerance gives the same";
+}
+
 void set_verdict(const SolutionFacts& facts, v1::DesignResult& result) {
   std::vector<Finding> found;
   result.clear_notes();
   judge_solution(facts, result, found);
   if (std::isfinite(result.max_displacement()) && std::isfinite(result.estimated_error())) judge_condition(facts, result, found);
+  if (at_rounding(facts, result)) {
+    result.add_notes(rounding_note(result.constraints().convergence_error()));
+  }
   judge_motion(facts, result, found);
   judge_mesh(facts, result, found);
   judge_size(facts, result, found);

@@ -43,6 +43,10 @@ struct SolutionFacts {
   std::vector<std::string> shapes{};  ///< handles that are mirrored or flattened, a sentence each
 };
 
+/// That constraints could not be met to their tolerance, since that is less than doubles can reach, but as near as this (model
+/// units).
+std::string rounding_note(double convergence_error);
+
 /// Sets the verdict and its reasons from all other fields of `result`; see v1::Verdict.
 void set_verdict(const SolutionFacts& facts, v1::DesignResult& result);
 

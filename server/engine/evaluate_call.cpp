@@ -236,10 +236,11 @@ void EvaluateCall::push_result_when_done() {
   result.set_checksum(checksum_.value());
   result.set_interpolation_residual(report.interpolation_residual);
   result.set_estimated_error(report.error);
-  result.set_converged(report.converged);
+  result.set_converged(report.converged || report.at_rounding);
   for (const std::string& warning : report.warnings) result.add_warnings(warning);
   const std::string given_up = convert::given_up_warning(report, bound_->system->setup);
   if (!given_up.empty()) result.add_warnings(given_up);
+  if (report.at_rounding) result.add_warnings(convert::rounding_note(report.convergence_error));
   if (const auto warning = displacement_warning_elsewhere(displacement_, place_, report.prescribed_displacement, bound_->box)) {
     result.add_warnings(*warning);
   }

@@ -342,12 +342,27 @@ variables:
 
     def test_few_iterations_are_reported(self):
         self.write("plate.obj", plate())
-        self.write("few.yaml", setup("{mls: {}}", f"{CIRCLE}\nconstraint_options: {{iterations: 1, tolerance: 1e-12}}"))
+        stiff = CIRCLE.replace("circular", "weight: 1e10, circular")
+        self.write("few.yaml", setup("{mls: {}}", f"{stiff}\nconstraint_options: {{iterations: 1, tolerance: 1e-12}}"))
         report, _ = self.apply("few.yaml", "--set", "pull=0.4", "--keep-bad", expect=4)
         self.assertEqual(report["verdict"], "bad")
         self.assertFalse(report["constraints"]["converged"])
         self.assertEqual(report["constraints"]["iterations"] - report["constraints"]["newton_steps"], 1)
         self.assertIn("constraints DID NOT CONVERGE in ", self.deform("apply", "few.yaml", "--set", "pull=0.4", "-o", "out.obj", expect=4).out)
+
+    def test_tolerances_below_rounding_are_told(self):
+        self.write("plate.obj", plate())
+        self.write("least.yaml", setup("{mls: {}}", f"{CIRCLE}\nconstraint_options: {{tolerance: 1e-12}}"))
+        self.write("plain.yaml", setup("{mls: {}}", CIRCLE))
+        plain, _ = self.apply("plain.yaml", "--set", "pull=0.4")
+        report, _ = self.apply("least.yaml", "--set", "pull=0.4")
+        self.assertEqual(report["verdict"], "good", report)
+        constraints = report["constraints"]
+        self.assertNotEqual(constraints["converged"], constraints["at_rounding"])
+        self.assertLess(constraints["iterations"], 200)
+        self.assertAlmostEqual(constraints["energy"], plain["constraints"]["energy"], delta=1e-9)
+        if constraints["at_rounding"]:
+            self.assertIn("the tolerance of the constraints is less than rounding allows", " ".join(report["notes"]))
 
     def test_detected_primitives_are_kept(self):
         self.write("drum.obj", drum())

@@ -310,6 +310,23 @@ TEST(ConvertConstraint, StoredExactConstraintsKeepTheirStepsAndTheirId) {
   }
 }
 
+/// The canonical form, from which systems are prepared, does not name it where nothing is exact: that is not a setup of old,
+/// whose constraints are met without what is interpolated afterwards.
+TEST(ConvertConstraint, ExactStepsOfSoftConstraintsAreThoseOfToday) {
+  for (const char* method : {R"("ffd": {})", R"("mls": {})", R"("subspace": {})"}) {
+    for (const char* options :
+         {"{}", R"({"exactSteps": "EXACT_STEPS_AT_CENTRES"})", R"({"exactSteps": "EXACT_STEPS_AT_JOINS"})"}) {
+      const v1::Setup setup = with(R"({"method": {)" + std::string(method) +
+                                   R"(}, "constraints": [{"name": "c", "planar": {}}], "constraintOptions": )" + options + "}");
+      const v1::Setup canonical = canonical_setup(setup, geometry);
+      EXPECT_EQ(canonical.constraint_options().exact_steps(), v1::EXACT_STEPS_DEFAULT);
+      for (const v1::Setup& each : {setup, canonical}) {
+        EXPECT_EQ(setup_from_proto(each, 10).constraint_options.exact_steps, ExactSteps::joins) << method << options;
+      }
+    }
+  }
+}
+
 TEST(ConvertConstraint, ReportsTellHowTheSolutionWent) {
   DesignReport report;
   report.constraints = {{4, 3, 2, 1, true}};
@@ -330,6 +347,28 @@ TEST(ConvertConstraint, ReportsTellHowTheSolutionWent) {
   EXPECT_EQ(message.residuals(0).free_largest(), 4);
   EXPECT_EQ(message.residuals(0).rms(), 1);
   EXPECT_TRUE(message.residuals(0).missed());
+}
+
+TEST(ConvertConstraint, ReportsTellWhatHeldPointsMiss) {
+  const auto setup = setup_from_proto(with(R"({"constraints": [{"name": "c", "planar": {}}, {"name": "d", "planar": {}}]})"), 10);
+  DesignReport report;
+  report.at_rounding = true;
+  report.constraints.resize(2);
+  report.constraints[0].held = {{0, 8}, {ConstraintReport::Held::fixed, 4}};
+  report.constraints[0].held_misfit = {0.2, 0.1};
+  const v1::ConstraintsReport message = constraints_report(report, setup);
+  EXPECT_TRUE(message.at_rounding());
+  const v1::ConstraintResidual& of = message.residuals(0);
+  ASSERT_EQ(of.held_size(), 2);
+  EXPECT_EQ(of.held(0).handle(), "right") << "the first handle of all setups here";
+  EXPECT_EQ(of.held(0).points(), 8u);
+  EXPECT_EQ(of.held(1).handle(), "");
+  EXPECT_EQ(of.held(1).points(), 4u);
+  EXPECT_EQ(of.held_largest(), 0.2);
+  EXPECT_EQ(of.held_rms(), 0.1);
+  EXPECT_EQ(message.residuals(1).held_size(), 0);
+  EXPECT_FALSE(message.residuals(1).has_held_largest());
+  EXPECT_FALSE(message.residuals(1).has_held_rms());
 }
 
 TEST(ConvertConstraint, HeightsOfLayersAreThoseOfTheReport) {

@@ -36,6 +36,20 @@ void set_heights(double least, double largest, v1::DesignResult& result) {
   residual.set_free_largest_height(1.5);
 }
 
+void missed_by_held_points(double rms, v1::DesignResult& result) {
+  v1::ConstraintResidual& residual = *result.mutable_constraints()->add_residuals();
+  residual.set_name("bore");
+  residual.set_largest(0.011);
+  residual.set_rms(0.01);
+  residual.set_free_largest(0.03);
+  v1::ConstraintResidual::Held& roof = *residual.add_held();
+  roof.set_handle("roof");
+  roof.set_points(8);
+  residual.add_held()->set_points(4);
+  residual.set_held_largest(0.009);
+  residual.set_held_rms(rms);
+}
+
 const SolutionFacts good_facts{.diagonal = 1, .condition = 1e6, .converged = true, .torn_edges = 0};
 
 void set_error(v1::DesignResult& result, double error) {
@@ -57,6 +71,19 @@ const std::vector<Case> cases = {
     {"unknown_error", [](auto&, auto& r) { r.set_estimated_error(std::numeric_limits<double>::quiet_NaN()); }, v1::VERDICT_BAD,
      "points are not finite"},
     {"not_converged", [](auto& f, auto&) { f.converged = false; }, v1::VERDICT_BAD, "the solver did not reach its tolerance"},
+    {"not_converged_for_rounding",
+     [](auto& f, auto& r) {
+       f.converged = false;
+       r.mutable_constraints()->set_at_rounding(true);
+     },
+     v1::VERDICT_GOOD, ""},
+    {"far_from_converged_for_rounding",
+     [](auto& f, auto& r) {
+       f.converged = false;
+       r.mutable_constraints()->set_at_rounding(true);
+       set_error(r, 1.1e-4);
+     },
+     v1::VERDICT_BAD, "the estimated error is 0.00011, 0.0011 of the largest displacement"},
     {"not_converged_for_the_condition",
      [](auto& f, auto& r) {
        f.converged = false;
@@ -174,6 +201,33 @@ const std::vector<Case> cases = {
      v1::VERDICT_DOUBTFUL,
      "constraint \"bore\" is missed by up to 0.011, 0.11 of the largest prescribed displacement, without it by 0.03: take more "
      "samples, a larger weight, or `exact: true`"},
+    {"constraint_missed_by_held_points",
+     [](auto& f, auto& r) {
+       f.method.more_freedom = "take more samples, ";
+       missed_by_held_points(0.005, r);
+     },
+     v1::VERDICT_DOUBTFUL,
+     "constraint \"bore\" is missed by up to 0.011, 0.11 of the largest prescribed displacement, without it by 0.03: 12 of its "
+     "points are held, 8 by handle \"roof\" and 4 by fixed regions, and these alone miss the shape by up to 0.009 (rms 0.005 of "
+     "0.01), which no weight changes: take them out of the region, or let the handle follow the shape"},
+    {"constraint_missed_by_other_points",
+     [](auto& f, auto& r) {
+       f.method.more_freedom = "take more samples, ";
+       missed_by_held_points(0.0049, r);
+     },
+     v1::VERDICT_DOUBTFUL, "without it by 0.03: take more samples, a larger weight, or `exact: true`"},
+    {"constraint_missed_by_a_fixed_point_though_exact",
+     [](auto&, auto& r) {
+       missed_by_held_points(0.005, r);
+       auto& residual = *r.mutable_constraints()->mutable_residuals(1);
+       residual.set_missed(true);
+       residual.clear_held();
+       residual.add_held()->set_points(1);
+     },
+     v1::VERDICT_BAD,
+     "exact constraints are missed: \"bore\" (1 of its points is held by fixed regions, and it alone misses the shape by up to "
+     "0.009 "
+     "(rms 0.005 of 0.01), which no weight changes: take it out of the region)"},
     {"constraint_missed_though_exact",
      [](auto&, auto& r) {
        auto& residual = *r.mutable_constraints()->add_residuals();

@@ -153,9 +153,19 @@ void print_constraints(const v1::ConstraintsReport& constraints, std::ostream& o
           << number_text(residual.free_least_height()) << " to " << number_text(residual.free_largest_height()) << ")\n";
     }
   }
+  for (const auto& residual : constraints.residuals()) {
+    if (!residual.has_held_rms()) continue;
+    std::uint64_t held = 0;
+    for (const auto& by : residual.held()) held += by.points();
+    out << "  " << printable(residual.name()) << ": " << held << " of its points are held and by themselves miss it by up to "
+        << number_text(residual.held_largest()) << ", rms " << number_text(residual.held_rms()) << '\n';
+  }
   if (constraints.exact_given_up()) out << "  exact placement GIVEN UP for some constraints, see the warnings\n";
-  out << "  constraints " << (constraints.converged() ? "converged" : "DID NOT CONVERGE") << " in " << constraints.iterations()
-      << " iterations";
+  out << "  constraints "
+      << (constraints.converged()     ? "converged"
+          : constraints.at_rounding() ? "converged as far as rounding allows, not to their tolerance,"
+                                      : "DID NOT CONVERGE")
+      << " in " << constraints.iterations() << " iterations";
   if (constraints.newton_steps() > 0) out << ", " << constraints.newton_steps() << " of them Newton steps";
   if (constraints.convergence_error() > 0)
     out << ", " << number_text(constraints.convergence_error()) << " rms from the solution";

@@ -362,7 +362,9 @@ void ComposedSystem::add_report(const Bound& bound, std::size_t stage, std::size
   report.control_displacement = std::max(report.control_displacement, own.control_displacement);
   report.misfit = std::max(report.misfit, own.misfit);
   report.torn_edges += own.torn_edges;
+  const bool both = (report.converged || report.at_rounding) && (own.converged || own.at_rounding);
   report.converged = report.converged && own.converged;
+  report.at_rounding = both && !report.converged;
   for (const std::string& warning : own.warnings) report.warnings.push_back(stage_field(stage) + ": " + warning);
 }
 

@@ -22,7 +22,8 @@ constexpr std::size_t small_assembly = std::size_t{64} << 20;
 constexpr std::size_t shape_bytes = 64;  // of a point in a projection
 constexpr std::size_t most_parameters = 7, few_set_points = 64;
 constexpr double per_pair = 4e-9;        // seconds to assemble Phi^T Phi: for each pair of functions at a point
-constexpr double per_product = 5e-11;    // seconds of an operation in products of dense matrices
+constexpr double per_product = 2.5e-11;  // seconds of an operation in products of dense matrices
+constexpr double per_solution = 5e-10;   // seconds of an entry of a dense factor in a solution
 constexpr std::size_t column_cover = 2;  // functions of a column, over those of a point
 
 /// The counts that determine the memory.
@@ -141,7 +142,7 @@ ConstrainedBytes dense_total(const Counts& sets, const DenseCounts& of, Delivere
   bytes.resident = points + V + all + energy + step + compliance;
   const std::size_t making_basis = basis ? 2 * u * k * word + u * u * word + k * r * word : of.reduced.peak_bytes;
   const std::size_t stepping = V + 3 * r * r * word + ReducedEnergy::dense_peak_bytes(r + borders);
-  const std::size_t compliances = newton.form == NewtonForm::forces ? V + u * u * word + 2 * N * u * word : 0;
+  const std::size_t compliances = newton.form == NewtonForm::forces ? 2 * V + u * u * word + 2 * N * u * word : 0;
   bytes.preparing =
       points + N * shape_bytes + interpolated +
       std::max({making_basis, all + energy + V + std::max(stepping, step + compliance + compliances), bytes.resident});
@@ -154,9 +155,10 @@ ConstrainedBytes dense_total(const Counts& sets, const DenseCounts& of, Delivere
   bytes.working = sizeof(Vec3) * (40 * N + 34 * r + 12 * k + 4 * u) + newton_bytes(counts, newton.form) + assembled;
   const auto du = static_cast<double>(u), dr = static_cast<double>(r), dk = static_cast<double>(k);
   bytes.operations = of.reduced.flops + dr * dr * dr / 3;
-  bytes.seconds = per_product * (2 * du * dr * dr + (basis ? du * 4 * static_cast<double>(of.factor.factor_bytes) / word +
-                                                                 2 * du * du * dk + 2 * du * dk * dr + 2 * dk * dr * dr
-                                                           : 0));
+  if (newton.form == NewtonForm::forces) bytes.seconds = du * dr * (dr * per_solution / thread_count({}) + 2 * du * per_product);
+  bytes.seconds += per_product * (2 * du * dr * dr + (basis ? du * 4 * static_cast<double>(of.factor.factor_bytes) / word +
+                                                                  2 * du * du * dk + 2 * du * dk * dr + 2 * dk * dr * dr
+                                                            : 0));
   return bytes;
 }
 

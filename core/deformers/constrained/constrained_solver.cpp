@@ -24,7 +24,11 @@ constexpr int most_with_old_matrix = 12;  // iterations; a new matrix costs abou
 constexpr int most_gradient_steps = 1000;
 constexpr int most_steps = 30, most_halvings = 10, most_steps_of_a_design = 100;
 constexpr int most_refits = 8;
-constexpr double whole_accuracy = 1e-11;  // of the right-hand side, of derivatives
+constexpr double rounding_of_objective = 1e-13;      // of its size
+constexpr double nearest_error = 1e-11;              // that is told
+constexpr int most_idle = 300, most_idle_steps = 3;  // iterations and Newton steps that come no nearer
+constexpr double as_converged = 1e-7;                // error from which the alternation may end at rounding
+constexpr double whole_accuracy = 1e-11;             // of the right-hand side, of derivatives
 
 double rms(const std::vector<Vec3>& vectors) {
   double sum = 0;
@@ -107,13 +111,51 @@ Eigen::MatrixXd ConstrainedSolver::response(const Case& c, Eigen::MatrixXd force
   return forces;
 }
 
+void ConstrainedSolver::Search::offer(const ConstrainedState& state, const Eigen::MatrixXd& to_go, double distance) {
+  if (!(distance < error)) return;
+  nearest = state;
+  left = to_go;
+  error = distance;
+}
+
+/// Returns what is left to the solution from the nearest state, which becomes the result.
+Eigen::MatrixXd ConstrainedSolver::end_at_rounding(const Search& search, ConstrainedResult& result) const {
+  result.after = search.nearest;
+  result.error = std::max(nearest_error, search.error);
+  result.at_rounding = true;
+  return search.left;
+}
+
+/// Ends a round that has not converged with its last state or the nearest one that was met, by the same estimate of both: the
+/// larger of that of the step that is left and of the response to unbalanced forces. Returns what is left.
+Eigen::MatrixXd ConstrainedSolver::take_nearest(const Case& c, const Search& search, Eigen::MatrixXd left,
+                                                ConstrainedResult& result) const {
+  Eigen::MatrixXd all = response(c, -gradient(result.after));
+  double error = points_.reach(all);
+  if (left.size() == 0 || error > result.error) left = std::move(all);
+  error = std::max(result.error, error);
+  if (search.error < error) {
+    all = response(c, -gradient(search.nearest));
+    const double response_error = points_.reach(all);
+    if (std::max(search.error, response_error) < error) {
+      result.after = search.nearest;
+      error = std::max(search.error, response_error);
+      left = response_error > search.error ? std::move(all) : search.left;
+    }
+  }
+  result.error = error;
+  return left;
+}
+
 /// Returns what is left to the solution, if it converges.
-Eigen::MatrixXd ConstrainedSolver::alternate(const Case& c, int most, ConstrainedResult& result) const {
+Eigen::MatrixXd ConstrainedSolver::alternate(const Case& c, int most, Search& search, ConstrainedResult& result) const {
   ConstrainedState& now = result.after;
   Anderson window;
   std::vector<Vec3> from = now.targets;  // what the last global step went towards
   bool accelerated = false;
   double check_below = HUGE_VAL;  // step at which it is worth asking again how far the fixed point is
+  double least = HUGE_VAL;        // step
+  int idle = 0;                   // iterations without a smaller one
   while (result.iterations < most) {
     c.context.check();
     ConstrainedState next;
@@ -138,6 +180,7 @@ Eigen::MatrixXd ConstrainedSolver::alternate(const Case& c, int most, Constraine
       if (result.error <= options_.tolerance) {
         const Direction left = linearized_direction(now, c.context);
         result.error = std::max(result.error, points_.reach(left.v));
+        if (left.end == GradientsEnd::converged) search.offer(now, left.v, result.error);
         if (result.error <= options_.tolerance && left.end == GradientsEnd::converged) {
           result.converged = true;
           return left.v;
@@ -145,6 +188,15 @@ Eigen::MatrixXd ConstrainedSolver::alternate(const Case& c, int most, Constraine
         result.error = std::max(result.error, options_.tolerance);
       }
       check_below = step * std::max(0.1, std::min(0.9, options_.tolerance / result.error));
+    }
+    idle = step < 0.9 * least ? 0 : idle + 1;
+    least = std::min(least, step);
+    if (idle >= most_idle) {
+      idle = 0;
+      const double forces = points_.reach(response(c, points_.weighted_sums(differences(now.targets, from))));
+      const Direction left = linearized_direction(now, c.context);
+      if (left.end == GradientsEnd::converged) search.offer(now, left.v, std::max(forces, points_.reach(left.v)));
+      if (search.error <= as_converged) return end_at_rounding(search, result);
     }
     accelerated = window.size() > 0;
     from = accelerated ? window.next() : now.targets;
@@ -157,7 +209,7 @@ Eigen::MatrixXd ConstrainedSolver::alternate(const Case& c, int most, Constraine
 /// from which it is no longer converged; the objective falls.
 bool ConstrainedSolver::take_nearer_shapes(const Case& c, ConstrainedResult& result) const {
   constexpr double clearly = 1e-6;  // of the squares of a set, and of the objective
-  if (!result.converged) return false;
+  if (!result.converged && !result.at_rounding) return false;
   ConstrainedState fresh;
   fresh.v = result.after.v;
   evaluate(c, fresh);
@@ -173,7 +225,7 @@ bool ConstrainedSolver::take_nearer_shapes(const Case& c, ConstrainedResult& res
   evaluate(c, fresh);
   result.after = std::move(fresh);
   result.objectives.push_back(result.after.objective);
-  result.converged = false;
+  result.converged = result.at_rounding = false;
   return true;
 }
 
@@ -211,28 +263,30 @@ ConstrainedResult ConstrainedSolver::solve(const Eigen::MatrixXd& h, const std::
   }
   const bool multipliers = problem.enforcement == HandleEnforcement::multipliers;
   const double wanted = round_accuracy * (h.size() > 0 ? h.cwiseAbs().maxCoeff() : 0.0);
-  NewtonMatrix matrix;
+  Search search;
   const bool newton_too = gauss_newton_.form() != NewtonForm::none;
+  const auto ended = [&] { return result.converged || result.at_rounding; };
   double earlier = 0;  // error
+  bool rounded = false;
   for (int round = 1;; ++round) {
-    result.converged = false;
+    result.converged = result.at_rounding = false;
     result.error = 0;
     result.objectives.clear();
+    search.restart();
     Eigen::MatrixXd left;
-    if (near && newton_too) left = newton(c, result, matrix);
+    if (near && newton_too) left = newton(c, search, result);
     for (int refits = 0; refits == 0 || (refits <= most_refits && take_nearer_shapes(c, result)); ++refits) {
-      while (!result.converged && result.iterations < options_.most_iterations) {
+      if (refits > 0) search.restart();
+      while (!ended() && result.iterations < options_.most_iterations) {
         const int last = newton_too ? result.iterations + patience_ : options_.most_iterations;
-        left = alternate(c, std::min(options_.most_iterations, last), result);
-        if (!result.converged && newton_too) left = newton(c, result, matrix);
+        left = alternate(c, std::min(options_.most_iterations, last), search, result);
+        if (!ended() && newton_too) left = newton(c, search, result);
       }
     }
-    if (!result.converged) {
-      Eigen::MatrixXd all = response(c, -gradient(result.after));
-      const double error = points_.reach(all);
-      if (left.size() == 0 || error > result.error) left = std::move(all);
-      result.error = std::max(result.error, error);
-    }
+    if (!ended()) left = take_nearest(c, search, std::move(left), result);
+    rounded = rounded || result.at_rounding;
+    result.at_rounding = rounded && ended();
+    result.converged = result.converged && !rounded;
     Eigen::MatrixXd both(left.rows(), 6);
     both << result.after.v, left;
     both = reduced_.extended(both, context);
@@ -244,7 +298,7 @@ ConstrainedResult ConstrainedSolver::solve(const Eigen::MatrixXd& h, const std::
     if (!multipliers || round == rounds) return result;
     const Eigen::MatrixXd missing = h - problem.coupling.transpose() * result.w;
     if (missing.size() == 0 || missing.cwiseAbs().maxCoeff() <= wanted) return result;
-    if (!result.converged) {  // no rounds follow, but what they would change is left as well
+    if (!ended()) {  // no rounds follow, but what they would change is left as well
       result.left.push_back(solver_.solve_loads(missing, context));
       return result;
     }
@@ -273,10 +327,12 @@ ConstrainedSolver::Direction ConstrainedSolver::newton_direction(const Constrain
   Direction result;
   if (matrix != nullptr) {
     result.v = solve_linearized(at, matrix.get(), force, direction_accuracy, context, most_with_old_matrix, &result.end);
-    if (result.end != GradientsEnd::limit) return result;
   }
-  matrix = newton_at(at, context);
-  result.v = solve_linearized(at, matrix.get(), force, direction_accuracy, context, most_gradient_steps, &result.end);
+  if (matrix == nullptr || result.end == GradientsEnd::limit) {
+    matrix = newton_at(at, context);
+    result.v = solve_linearized(at, matrix.get(), force, direction_accuracy, context, most_gradient_steps, &result.end);
+  }
+  result.gain = force.cwiseProduct(result.v).sum();
   return result;
 }
 
@@ -288,25 +344,33 @@ ConstrainedSolver::Direction ConstrainedSolver::linearized_direction(const Const
   return result;
 }
 
-/// Steps as long as they lower the objective; converged when two in a row move the sets by less than the tolerance. The second is
-/// not made but returned: it is what is left. A direction that is cut short, for instance where the objective curves downwards,
-/// says nothing: the alternation goes on from there.
-Eigen::MatrixXd ConstrainedSolver::newton(const Case& c, ConstrainedResult& result, NewtonMatrix& matrix) const {
-  constexpr double rounding = 1e-11;  // of the solutions, at least
+/// Steps as long as they lower the objective, or change it by less than its rounding and come nearer; converged when two in a row
+/// move the sets by less than the tolerance. The second is not made but returned: it is what is left. A direction that is cut
+/// short, for instance where the objective curves downwards, says nothing: the alternation goes on from there.
+Eigen::MatrixXd ConstrainedSolver::newton(const Case& c, Search& search, ConstrainedResult& result) const {
   ConstrainedState& now = result.after;
   bool near = false;  // the last step was that small
+  int idle = 0;       // steps in a row that came no nearer, by half
   Eigen::MatrixXd left;
   for (int step = 0; step < most_steps && result.newton_steps < most_steps_of_a_design; ++step) {
     c.context.check();
-    const Direction direction = newton_direction(now, matrix, c.context);
+    const Direction direction = newton_direction(now, search.matrix, c.context);
     left = direction.v;
     const double moved = points_.reach(left);
-    result.error = std::max(rounding, moved);
-    const bool small = moved <= std::max(options_.tolerance, near ? rounding : 0.0);
+    result.error = std::max(nearest_error, moved);
+    const bool small = moved <= std::max(options_.tolerance, near ? nearest_error : 0.0);
     if (small && direction.end != GradientsEnd::converged) return left;
     result.converged = small && near;
     if (result.converged) return left;
     near = small;
+    const bool rounding = direction.gain <= rounding_of_objective * std::abs(now.objective);
+    if (direction.end == GradientsEnd::converged) {
+      idle = rounding && moved > 0.5 * search.error ? idle + 1 : 0;
+      search.offer(now, left, moved);
+      if (idle >= most_idle_steps) return end_at_rounding(search, result);
+    }
+    // Such a step is made whatever the objective says.
+    const bool blind = rounding && !near && direction.end == GradientsEnd::converged;
     ++result.newton_steps;
     double share = 1;
     bool lower = false;
@@ -316,13 +380,13 @@ Eigen::MatrixXd ConstrainedSolver::newton(const Case& c, ConstrainedResult& resu
       next.shapes = now.shapes;
       evaluate(c, next);
       lower = next.objective < now.objective;
-      if (lower) now = std::move(next);
+      if (lower) result.objectives.push_back(next.objective);
+      if (lower || blind) now = std::move(next);
+      if (blind) break;
     }
-    if (!lower) {
-      result.converged = near;
-      return left;
-    }
-    result.objectives.push_back(now.objective);
+    if (lower || blind) continue;
+    result.converged = near;
+    return left;
   }
   return left;
 }

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cmath>
 #include <cstddef>
 #include <memory>
 #include <vector>
@@ -42,7 +43,10 @@ struct ConstrainedResult {
   std::vector<double> objectives;        ///< after each accepted iteration of the last round, nonincreasing
   int iterations = 0;                    ///< global steps of all rounds
   int newton_steps = 0;
-  bool converged = false;
+  bool converged = false;  ///< to the tolerance, in all rounds
+  /// Not converged, but only as the tolerance is less than rounding allows: Newton steps come no nearer. `after` is the nearest
+  /// state that was met.
+  bool at_rounding = false;
   double error = 0;  ///< estimated rms distance of the points that the solver sees from the solution, unit coordinates
   /// Estimated changes of w that lead from the result of each round to its solution, and to those of rounds that were not
   /// made; k x 3 each.
@@ -70,6 +74,10 @@ struct ConstrainedResult {
 ///    the parameters of the shapes) as preconditioner, which lacks only the curvature of the shapes. By default patience is the
 ///    number of iterations that cost as much as a few Newton steps, so stiff weights and overlapping sets converge quickly where
 ///    factorizations are cheap.
+///  - Where Newton steps change the objective by less than its rounding and no longer come nearer, the tolerance is less than
+///    doubles can reach: the nearest state is the result, and rounds of multipliers go on from it as from a converged one.
+///    Without Newton steps that is so after `most_idle` iterations that do not come nearer. A result that is not converged is the
+///    nearest state of which the distance from the solution was estimated.
 /// Not converging is a result, not an error. Immutable; any number of threads may solve at once.
 class ConstrainedSolver {
  public:
@@ -123,14 +131,30 @@ class ConstrainedSolver {
   struct Direction {
     Eigen::MatrixXd v;
     GradientsEnd end = GradientsEnd::converged;  ///< how it was solved for
+    double gain = 0;                             ///< of a Newton step: what it lowers the objective by, to first order
+  };
+
+  /// What one round has met so far.
+  struct Search {
+    NewtonMatrix matrix;  ///< of an earlier step, or null
+    /// The state with the smallest estimated distance from the solution, and what is left from there.
+    ConstrainedState nearest{};
+    Eigen::MatrixXd left{};
+    double error = HUGE_VAL;
+
+    void offer(const ConstrainedState& state, const Eigen::MatrixXd& to_go, double distance);
+    /// Forgets the states, not the matrix.
+    void restart() { error = HUGE_VAL; }
   };
 
   int patience_by_cost() const;
   void evaluate(const Case& c, ConstrainedState& state) const;
-  Eigen::MatrixXd alternate(const Case& c, int most, ConstrainedResult& result) const;
+  Eigen::MatrixXd alternate(const Case& c, int most, Search& search, ConstrainedResult& result) const;
+  Eigen::MatrixXd end_at_rounding(const Search& search, ConstrainedResult& result) const;
+  Eigen::MatrixXd take_nearest(const Case& c, const Search& search, Eigen::MatrixXd left, ConstrainedResult& result) const;
   bool take_nearer_shapes(const Case& c, ConstrainedResult& result) const;
   Eigen::MatrixXd response(const Case& c, Eigen::MatrixXd forces) const;
-  Eigen::MatrixXd newton(const Case& c, ConstrainedResult& result, NewtonMatrix& matrix) const;
+  Eigen::MatrixXd newton(const Case& c, Search& search, ConstrainedResult& result) const;
   Direction newton_direction(const ConstrainedState& at, NewtonMatrix& matrix, const RunContext& context) const;
   Direction linearized_direction(const ConstrainedState& at, const RunContext& context) const;
   Eigen::MatrixXd gradient(const ConstrainedState& at) const;

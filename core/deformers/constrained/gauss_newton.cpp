@@ -49,11 +49,12 @@ GaussNewton::GaussNewton(const ConstrainedPoints& points, const ReducedEnergy& e
 /// Columns are independent of each other: the same for any number of threads.
 void GaussNewton::prepare_compliance(const RunContext& context) {
   if (const DenseRows* rows = points_.dense()) {
-    Eigen::MatrixXd X = rows->values().transpose();
+    const Eigen::MatrixXd across_rows = rows->values().transpose();
+    Eigen::MatrixXd X = across_rows;
     parallel_for(context, static_cast<std::size_t>(X.cols()), columns_per_task, [&](std::size_t begin, std::size_t end) {
       for (std::size_t i = begin; i < end; ++i) energy_.solve_in_place(X.col(static_cast<Eigen::Index>(i)));
     });
-    const Eigen::MatrixXd at_rows = rows->values() * X;
+    const Eigen::MatrixXd at_rows = transposed_product(across_rows, X);
     const SparseMatrix across = rows->spread().transpose();
     const Eigen::MatrixXd spread = rows->spread() * at_rows;
     compliance_ = spread * across;

@@ -28,10 +28,13 @@ constexpr std::size_t entry_bytes = sizeof(double) + sizeof(std::int64_t);
 constexpr std::size_t fill = 12;         // entries of a factor over those of the matrix, supports of a dozen samples
 constexpr std::size_t few_bytes = 1024;  // of matrices without entries
 constexpr double nominal_rate = 5e9;     // flops per second of a sparse factorization on one core
+constexpr double dense_rate = 2e10;      // of a dense one
 // Seconds on one core: of a term of the product that couples functions at held points, of a value of a function in doubles and in
 // extended precision, of a distance between held points, of a value of the correction's kernel and of a term of its sums.
 constexpr double per_square = 6e-9, per_value = 2e-9, per_long_value = 5e-9;
 constexpr double per_distance = 2e-9, per_kernel = 3e-9, per_term = 0.5e-9;
+// Of many functions at once: of a term of such a sum, and of an entry of the inverse that solves for its coefficients.
+constexpr double per_sum = 0.2e-9, per_centre = 0.8e-10;
 
 std::size_t shell_assembly_bytes(const Mesh& mesh) {
   // Triplets of the operators, the operators, and the roots of the bending energy with their triplets.
@@ -54,6 +57,7 @@ struct Sizes {
   SparseCholesky::Estimate factor;
   ConstrainedBytes constrained;
   std::size_t delivered_points = 0, delivered_functions = 0;  ///< of DeliveredRows
+  double making_space = 0;                                    ///< seconds; 0: by the bytes of `assembly`
 };
 
 /// The input of the estimates of spaces.
@@ -161,6 +165,7 @@ Sizes sizes_of(const Options& options, const Case& of, Estimate& estimate) {
   sizes.held = estimate.constraint_points;
   const std::size_t held = space.resident / std::max<std::size_t>(1, of.mesh.point_count()) * sizes.held;
   sizes.assembly = space.peak;
+  sizes.making_space = space.seconds;
   sizes.matrices = space.resident + held + 2 * space.energy_entries * entry_bytes;
   sizes.making = 2 * held + 4 * space.energy_entries * entry_bytes;
   sizes.functions = k;
@@ -224,7 +229,7 @@ double held_seconds(const Sizes& sizes, const HeldWork& work) {
   const double solves = static_cast<double>(work.steps + 1) * static_cast<double>(sizes.factor.factor_bytes) / 4e9;
   const double values = 2 * work.steps * per_value * sizes.values;
   const double uncertainty = 2 * per_long_value * (sizes.values + sizes.entries);
-  const double correction = centres * centres * centres / 3 / nominal_rate + centres * held * per_distance;
+  const double correction = centres * centres * centres / 3 / dense_rate + centres * held * per_distance;
   const double evaluation = following * centres * (columns > 0 ? per_kernel + columns * per_term : 0);
   return sizes.squares * per_square + correction + columns * values +
          (columns * (solves + uncertainty) + evaluation) / thread_count({});
@@ -341,9 +346,10 @@ Estimate estimate_of(const Options& options, const Mesh& mesh, const Setup& setu
   // What is interpolated of every function at the points of the sets.
   const double interpolating =
       static_cast<double>(sizes.delivered_functions) * static_cast<double>(centres) *
-      (per_term * static_cast<double>(sizes.delivered_points) / thread_count({}) + 2e-10 * static_cast<double>(centres));
+      (per_sum * static_cast<double>(sizes.delivered_points) / thread_count({}) + per_centre * static_cast<double>(centres));
   estimate.seconds = interpolating + (sizes.factor.flops + sizes.constrained.operations) / nominal_rate + factor_bytes * 5e-9 +
-                     held_seconds(sizes, work) + sizes.constrained.seconds + static_cast<double>(sizes.assembly) * 1e-8;
+                     held_seconds(sizes, work) + sizes.constrained.seconds +
+                     (sizes.making_space > 0 ? sizes.making_space : static_cast<double>(sizes.assembly) * 1e-8);
   if (!basis && setup.constraints.empty()) {
     estimate.notes.push_back("No handle basis will be stored: every design is solved for.");
   }

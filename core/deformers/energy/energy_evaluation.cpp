@@ -8,6 +8,7 @@
 #include <string>
 
 #include "core/base/vectors.h"
+#include "core/deformers/constrained/held_misfit.h"
 #include "core/deformers/handles/turn_warnings.h"
 
 namespace deform {
@@ -16,6 +17,7 @@ namespace {
 
 constexpr std::size_t energy_places_per_task = 1024;
 constexpr double exact_limit = 1e-9;      // of D: ConstraintReport::missed
+constexpr double told_miss = 0.01;        // of the largest prescribed displacement: ConstraintReport::held_misfit
 constexpr double convergence_margin = 4;  // true error against the way to the solution as it is estimated
 
 void add_heights(const std::vector<double>& heights, std::optional<ConstraintReport::Heights>& range) {
@@ -92,6 +94,7 @@ void EnergyEvaluation::solve_constrained(std::size_t design, WarmStart* warm, co
   report.iterations = result.iterations;
   report.newton_steps = result.newton_steps;
   report.converged = result.converged;
+  report.at_rounding = result.at_rounding;
   report.energy = result.after.objective;
   report.convergence_error = result.error * D;
   double left = 0;
@@ -110,6 +113,28 @@ Projection::Misfit misfit_of(const ConstraintSet& set, std::span<const Vec3> x, 
 }
 
 }  // namespace
+
+/// What handles and fixed regions hold of the points of a set, and what these points miss by themselves.
+void EnergyEvaluation::measure_held(const ConstraintSet& set, std::span<const Vec3> x, const ShapeParameters& shape,
+                                    double prescribed, ConstraintReport& report) const {
+  if (set.column) return;
+  std::vector<std::size_t> counts(system_.setup_.handles.size() + 1);
+  std::vector<char> held(set.ids.size());
+  for (std::size_t i = 0; i < held.size(); ++i) {
+    if (!system_.is_prescribed(set.ids[i])) continue;
+    held[i] = 1;
+    const RegionIndex region = system_.points_.region_of[set.ids[i]];
+    ++counts[region == fixed_region ? counts.size() - 1 : static_cast<std::size_t>(region)];
+  }
+  for (std::size_t h = 0; h < counts.size(); ++h) {
+    if (counts[h] > 0) report.held.push_back({h + 1 < counts.size() ? h : ConstraintReport::Held::fixed, counts[h]});
+  }
+  if (report.held.empty() || !(report.max > told_miss * prescribed)) return;
+  const double D = system_.box_.scale;
+  const Projection::Misfit misfit = held_misfit(*set.projection, x, held, shape);
+  report.held_misfit = {D * misfit.largest,
+                        D * std::sqrt(misfit.squares / static_cast<double>(std::max<std::size_t>(1, misfit.count)))};
+}
 
 void EnergyEvaluation::measure_constraints(std::size_t design, const ConstrainedResult& result, const RunContext& context) {
   const double D = system_.box_.scale;
@@ -148,6 +173,7 @@ void EnergyEvaluation::measure_constraints(std::size_t design, const Constrained
     report.max = std::max(report.max, D * after.largest);
     report.max_before = std::max(report.max_before, D * free.largest);
     counts[system_.constraint_of_[t]] += after.count;
+    measure_held(set, x, result.after.shapes[t], reports_[design].prescribed_displacement, report);
     first += count;
   }
   const std::vector<bool>& given_up = solutions_[design].exact.placed.given_up;

@@ -25,6 +25,8 @@ class EnergyEvaluation : public HandleEvaluation {
   void solve_constrained(std::size_t design, WarmStart* warm, const RunContext& context);
   void report_misfit(std::size_t design);
   void measure_constraints(std::size_t design, const ConstrainedResult& result, const RunContext& context);
+  void measure_held(const ConstraintSet& set, std::span<const Vec3> x, const ShapeParameters& shape, double prescribed,
+                    ConstraintReport& report) const;
   void direct_tile(std::size_t tile, std::size_t first, std::size_t count, double* values) const override;
   SpaceMap::Told displacements_at(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
                                   const RunContext& context) const override;

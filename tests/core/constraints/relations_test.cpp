@@ -271,5 +271,26 @@ TEST(Extent, MinimumHoldsTheEndsApart) {
   EXPECT_EQ(projected(*least_extent_projection({0, 0, 1}, 0.01, ends, 30), x).points, x);
 }
 
+/// As documented: an extent that is off by e is e n / (m + n) for the m points of one end and e m / (m + n) for the n of the
+/// other, and points that are free or within bounds count in the mean.
+TEST(Extent, MisfitIsSharedByTheEnds) {
+  const std::vector<Vec3> x{{0, 0, 0}, {1, 0, 0}, {2, 0, 0}, {0, 1, 1}, {1, 1, 0.5}};  // 3 below, 1 above, and one between
+  const auto misfit = [&](const Projection& of) {
+    std::vector<Vec3> onto(x.size());
+    ShapeParameters shape;
+    of.project(x, onto, shape);
+    return of.misfit(x, onto);
+  };
+  const double e = 0.6;
+  const std::unique_ptr<const Projection> both[] = {largest_extent_projection({0, 0, 1}, 1 - e, x.size()),
+                                                    least_extent_projection({0, 0, 1}, 1 + e, {{0, 1, 2}, {3}}, x.size())};
+  for (const auto& projection : both) {
+    const Projection::Misfit got = misfit(*projection);
+    EXPECT_NEAR(got.largest, e * 3 / 4, 1e-14);
+    EXPECT_NEAR(got.squares, 3 * std::pow(e / 4, 2) + std::pow(e * 3 / 4, 2), 1e-14);
+    EXPECT_EQ(got.count, x.size());
+  }
+}
+
 }  // namespace
 }  // namespace deform

@@ -9,6 +9,8 @@
 #include <cmath>
 #include <map>
 #include <random>
+#include <string>
+#include <utility>
 #include <vector>
 
 #include "core/deformers/constrained/constrained_points.h"
@@ -147,6 +149,35 @@ TEST(DeliveredConstraints, AreTheMinimumOfTheObjectiveOfTheDeliveredPoints) {
   }
 }
 
+/// One that is less than doubles reach, as with stiff shapes, gives what a larger one gives: the solution is told to be as near
+/// as rounding allows. It was lost in thousands of iterations, and the rounds of hard handles that follow the first one with it.
+TEST(DeliveredConstraints, TolerancesBelowRoundingLoseNothing) {
+  const auto mesh = shared(bumpy_sheet(15, 8));
+  std::size_t at_rounding = 0;
+  for (const MethodOptions& method : {coarse_lattice(4), coarse_mls(30)}) {
+    for (const ConstraintKind& kind : {ConstraintKind{Planar{}}, ConstraintKind{Rigid{}}}) {
+      SCOPED_TRACE(std::to_string(method.index()) + ", kind " + std::to_string(kind.index()));
+      deform::Setup setup = constrained_sheet(method, {patch(kind, 0.9, 1.6)});
+      setup.constraints[0].weight = 1e9;
+      const auto solved = [&](double tolerance) {
+        setup.constraint_options.tolerance = tolerance;
+        const auto system = prepare(mesh, setup);
+        return std::pair(system->evaluate(Design{bent, {}}), report_of(*system));
+      };
+      const auto [loose, loose_report] = solved(1e-9);
+      const auto [tight, tight_report] = solved(1e-12);
+      ASSERT_TRUE(loose_report.converged);
+      EXPECT_TRUE(tight_report.converged != tight_report.at_rounding);
+      EXPECT_LT(distance(tight, loose), loose_report.error + tight_report.error);
+      EXPECT_LT(tight_report.error, loose_report.error + 2e-10);
+      EXPECT_LT(tight_report.iterations + tight_report.newton_steps, 200);
+      EXPECT_NEAR(tight_report.energy, loose_report.energy, 1e-9 * loose_report.energy);
+      at_rounding += tight_report.at_rounding ? 1 : 0;
+    }
+  }
+  EXPECT_GE(at_rounding, 2u) << "the case that is tested";
+}
+
 /// The residuals were .0349, .0366 and .0336 where constraints were met by the functions alone, without the interpolation of the
 /// misfit at the handles: less than a third from those without constraints.
 TEST(DeliveredConstraints, PlanesNearHandlesAreMetBetter) {
@@ -184,7 +215,7 @@ TEST(DeliveredConstraints, JacobianProducts) {
       SCOPED_TRACE(std::to_string(method.index()) + ", " + std::to_string(constraints.size()) + " constraints");
       deform::Setup setup = constrained_sheet(method, constraints);
       setup.constraint_options.tolerance = 1e-11;
-      check_jacobians(*prepare(mesh, setup), 1e-12, 5e-6);
+      check_jacobians(*prepare(mesh, setup), 1e-12, 1e-7, {1e-3, true});
     }
   }
 }
@@ -199,7 +230,7 @@ TEST(DeliveredConstraints, JacobianProductsWithABasis) {
   ASSERT_GT(system->info().functions, DeliveredRows::most_functions);
   EXPECT_TRUE(report_of(*system).converged);
   EXPECT_LT(report_of(*system).error, 1e-7);
-  check_jacobians(*system, 1e-12, 5e-6);
+  check_jacobians(*system, 1e-12, 1e-7, {1e-3, true});
 }
 
 /// Forces at points cause the responses V A^-1 V^T f; in the basis these are V W (W^T A W)^-1 (V W)^T f.

@@ -32,24 +32,37 @@ inline Setup setup_with_variables() {
   return setup;
 }
 
+/// How differences of designs become derivatives.
+struct Differences {
+  double h = 1e-5;            ///< what is left of the third derivative grows with its square, or with extrapolation that of the
+  bool extrapolated = false;  ///< fifth with its fourth power; noise of the designs with 1 / h. Extrapolated from h and 2 h
+};
+
 /// Products with the Jacobian and its transpose agree to `dot` of the sizes, and with central differences to `difference`.
-inline void check_jacobians(const System& system, double dot, double difference) {
+inline void check_jacobians(const System& system, double dot, double difference, const Differences& rule = {}) {
   const std::vector<double> at{0.1, 0.8, 0.2, -0.6}, direction{0.3, -0.7, 0.5, 0.9};
   const Points product = system.jacobian_vector(at, direction, {});
-  constexpr double h = 1e-5;
-  Design plus{at, {}}, minus{at, {}};
-  for (std::size_t k = 0; k < at.size(); ++k) {
-    plus.variables[k] += h * direction[k];
-    minus.variables[k] -= h * direction[k];
-  }
-  const Points above = system.evaluate(plus), below = system.evaluate(minus);
+  const auto quotient = [&](double h) {
+    Design plus{at, {}}, minus{at, {}};
+    for (std::size_t k = 0; k < at.size(); ++k) {
+      plus.variables[k] += h * direction[k];
+      minus.variables[k] -= h * direction[k];
+    }
+    const Points above = system.evaluate(plus), below = system.evaluate(minus);
+    Points result(above.size());
+    for (std::size_t i = 0; i < result.size(); ++i) {
+      for (std::size_t k = 0; k < 3; ++k) result[i][k] = (above[i][k] - below[i][k]) / (2 * h);
+    }
+    return result;
+  };
+  const Points near = quotient(rule.h), wide = rule.extrapolated ? quotient(2 * rule.h) : near;
   std::mt19937_64 random(14);
   std::normal_distribution<double> normal;
   Points cotangent(product.size());
   double left = 0, left_size = 0, cotangent_size = 0, worst = 0;
   for (std::size_t i = 0; i < cotangent.size(); ++i) {
     for (std::size_t k = 0; k < 3; ++k) {
-      worst = std::max(worst, std::abs((above[i][k] - below[i][k]) / (2 * h) - product[i][k]));
+      worst = std::max(worst, std::abs(near[i][k] + (near[i][k] - wide[i][k]) / 3 - product[i][k]));
       cotangent[i][k] = normal(random);
       left += cotangent[i][k] * product[i][k];
       left_size += product[i][k] * product[i][k];

@@ -12,6 +12,7 @@
 #include "core/deformers/constrained/constraint_sets.h"
 #include "core/deformers/energy/energy_system.h"
 #include "core/mesh/elements.h"
+#include "tests/core/deformers/block_meshes.h"
 #include "tests/core/deformers/energy_cases.h"
 #include "tests/core/deformers/space_cases.h"
 #include "tests/support/expect_error.h"
@@ -193,6 +194,34 @@ TEST(Estimate, SecondsGrowWithWhatIsHeld) {
     EXPECT_LT(off, 4) << method.index();
     EXPECT_GT(off, 0.25) << method.index();
   }
+}
+
+/// With few samples in a body with slots most of the time goes to the body and what places see of it, told as a ratio to that of
+/// the same surface as a surface.
+TEST(Estimate, SecondsOfMlsCountTheBody) {
+  const auto fork = shared(test::cubes({60, 12, 21}, 1.0 / 60, [](int i, int /*j*/, int k) { return i < 18 || k / 3 != 3; }));
+  struct Seconds {
+    double told, taken;
+  };
+  const auto seconds = [&](MlsDomain domain) {
+    MlsOptions options;
+    options.surface_samples = 80;
+    options.volume_samples = domain == MlsDomain::surface ? 0 : 40;
+    options.domain = domain;
+    deform::Setup setup;
+    setup.method = options;
+    setup.handles = {{"end", box({0.9, -9, -9}, {9, 9, 9})}};
+    setup.fixed = {box({-9, -9, -9}, {0.05, 9, 9})};
+    const double told = estimate(*fork, setup).seconds;
+    const std::clock_t start = std::clock();
+    prepare(fork, setup);
+    return Seconds{told, static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC};
+  };
+  const Seconds surface = seconds(MlsDomain::surface), body = seconds(MlsDomain::connected);
+  const double off = (body.told / surface.told) / (body.taken / surface.taken);
+  EXPECT_GT(body.taken, 3 * surface.taken);
+  EXPECT_LT(off, 3);
+  EXPECT_GT(off, 0.6) << body.told << " told, taken " << body.taken;
 }
 
 TEST(Estimate, RefusesWhatPreparingRefuses) {

@@ -45,6 +45,7 @@ struct SpaceBytes {
   std::size_t samples = 0, cubature_points = 0;
   std::size_t cover = 0;           ///< functions that are nonzero at a point
   std::size_t energy_entries = 0;  ///< entries of the lower triangle of the energy
+  double seconds = 0;              ///< rough time of mls_space() with all cores; 0: not known
 };
 SpaceBytes estimate_mls_space(const Mesh& mesh, const MlsOptions& options);
 
