@@ -3,6 +3,7 @@
 
 #include <charconv>
 #include <cmath>
+#include <cstdio>
 
 namespace deform {
 
@@ -14,6 +15,12 @@ std::string number_digits(double value) {
   const auto written = plain ? std::to_chars(text, text + sizeof(text), value, std::chars_format::fixed)
                              : std::to_chars(text, text + sizeof(text), value);
   return {text, written.ptr};
+}
+
+std::string three_digits(double value) {
+  char text[40];
+  std::snprintf(text, sizeof text, "%.3g", value);
+  return text;
 }
 
 std::string mebibytes(std::size_t bytes) {

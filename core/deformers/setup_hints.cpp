@@ -20,12 +20,6 @@ namespace {
 constexpr double small_reach = 1e-4, large_reach = 1;  // of D
 constexpr std::size_t most_variables = 100;
 
-std::string rounded(double value) {
-  char text[40];
-  std::snprintf(text, sizeof text, "%.3g", value);
-  return text;
-}
-
 double radians(const Rotation& rotation, double value) {
   return rotation.unit == AngleUnit::degrees ? value * std::numbers::pi / 180 : value;
 }
@@ -68,8 +62,8 @@ std::string motion_note(const DesignVariable& variable, const std::string& handl
     const double turns = radians(*rotation, largest) / (2 * std::numbers::pi);
     const bool degrees = rotation->unit == AngleUnit::degrees;
     if (!std::isfinite(turns) || turns <= (degrees ? 1 : 0.5)) return {};
-    return " They turn handle \"" + handle + "\" by up to " + rounded(largest) + (degrees ? " degrees, " : " radians, ") +
-           rounded(turns) + " turns" + (degrees ? "." : "; for degrees give the rotation unit: DEGREES.");
+    return " They turn handle \"" + handle + "\" by up to " + three_digits(largest) + (degrees ? " degrees, " : " radians, ") +
+           three_digits(turns) + " turns" + (degrees ? "." : "; for degrees give the rotation unit: DEGREES.");
   }
   if (!std::holds_alternative<Scaling>(kind) || !std::isfinite(variable.lower) || variable.lower > -1) return {};
   return " At " + number_digits(variable.lower) + " they " + (variable.lower < -1 ? "mirror" : "flatten") + " handle \"" +
@@ -112,7 +106,7 @@ std::vector<std::string> variable_notes(const Mesh& mesh, const Setup& setup, co
     std::string note;
     if (reaches[k]) {
       const double share = diagonal > 0 ? *reaches[k] / diagonal : 0;
-      note = " bounds move points by up to " + rounded(*reaches[k]) + " (" + rounded(share) + " D).";
+      note = " bounds move points by up to " + three_digits(*reaches[k]) + " (" + three_digits(share) + " D).";
       if (share < small_reach) note += " That is hardly anything; are they in the units of the mesh?";
       if (share > large_reach) note += " That is farther than the model is long; are they in the units of the mesh?";
     }

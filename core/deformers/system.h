@@ -71,17 +71,18 @@ struct ConstraintReport {
   /// Of its points those that handles or fixed regions hold, so that they keep their prescribed positions; each point of the set
   /// counts, one of two regions twice. Not of columns of cells.
   struct Held {
-    static constexpr std::size_t fixed = static_cast<std::size_t>(-1);
-    std::size_t handle = fixed;  ///< its position in the setup
-    std::size_t points = 0;
+    static constexpr std::size_t fixed = static_cast<std::size_t>(-1);  ///< by fixed regions
+    std::size_t handle = fixed;                                         ///< its position in the setup
+    std::size_t points = 0;                                             ///< so many of the set
   };
   std::vector<Held> held{};  ///< by handles in the order of the setup, then by fixed regions
   /// What is left of `max` and `rms` where all points that are not held are where that is least: no weight and no method goes
   /// below this rms. Only with held points and where `max` exceeds 1 % of the largest prescribed displacement.
   struct HeldMisfit {
-    double max = 0, rms = 0;
+    double max = 0;  ///< model units
+    double rms = 0;  ///< model units
   };
-  std::optional<HeldMisfit> held_misfit{};
+  std::optional<HeldMisfit> held_misfit{};  ///< where it is known
 };
 
 /// Report on one evaluated design.

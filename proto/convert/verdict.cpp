@@ -7,6 +7,7 @@
 #include <cstdio>
 #include <utility>
 
+#include "core/base/number_text.h"
 #include "core/quality/displacement.h"
 
 namespace deform::convert {
@@ -26,12 +27,6 @@ constexpr double doubtful_constraint = 0.1;                 // of the largest pr
 constexpr double no_motion = 1e-6;                          // of the same
 constexpr double far_away = 10;                             // of D: prescribed displacements in other units than the mesh
 
-std::string rounded(double value) {
-  char text[40];
-  std::snprintf(text, sizeof text, "%.3g", value);
-  return text;
-}
-
 using Finding = std::pair<v1::Verdict, std::string>;
 
 /// The tolerance that would do, where it is of something else than the error. Between them is a factor that hardly grows as the
@@ -43,9 +38,11 @@ std::string least_squares_advice(const SolutionFacts& facts, double relative_err
   const double limit = relative_error > bad_error ? bad_error : doubtful_error;
   const double enough = tolerance * limit / (margin * relative_error);
   const double unit = std::pow(10.0, std::floor(std::log10(enough)));
-  const std::string other = enough < least_tolerance ? "take " : "take " + rounded(std::floor(enough / unit) * unit) + " or ";
-  return ": the tolerance " + rounded(tolerance) + " of INCREMENTAL_QR is at handle and fixed points, and errors between them " +
-         "are larger; " + other + "solver SOLVER_AUTOMATIC";
+  const std::string other =
+      enough < least_tolerance ? "take " : "take " + three_digits(std::floor(enough / unit) * unit) + " or ";
+  return ": the tolerance " + three_digits(tolerance) +
+         " of INCREMENTAL_QR is at handle and fixed points, and errors between them " + "are larger; " + other +
+         "solver SOLVER_AUTOMATIC";
 }
 
 /// What large errors of direct manipulation come from.
@@ -61,7 +58,7 @@ constexpr const char* fewer_or_smoother =
 std::string condition_advice(const SolutionFacts& facts) {
   const bool direct = facts.method.condition_effect == MethodFacts::Effect::measured && facts.method.least_squares_tolerance == 0;
   if (!direct || !(facts.condition > doubtful_condition)) return {};
-  return "; the condition of the system is " + rounded(facts.condition) + ": " + fewer_or_smoother;
+  return "; the condition of the system is " + three_digits(facts.condition) + ": " + fewer_or_smoother;
 }
 
 /// Whether the solution of constraints is as near as doubles allow, nearer than which the tolerance is. Its error is judged like
@@ -86,11 +83,12 @@ void judge_solution(const SolutionFacts& facts, const v1::DesignResult& result, 
   const double motion = std::max(result.max_displacement(), least_motion * facts.diagonal);
   const double relative = motion > 0 ? result.estimated_error() / motion : result.relative_error();
   const bool large = result.estimated_error() > negligible_error * facts.diagonal && relative > doubtful_error;
-  const std::string error = "the estimated error is " + rounded(result.estimated_error()) +
-                            (large ? ", " + rounded(result.relative_error()) + " of the largest displacement" : "");
+  const std::string error = "the estimated error is " + three_digits(result.estimated_error()) +
+                            (large ? ", " + three_digits(result.relative_error()) + " of the largest displacement" : "");
   if (only_unrefined(facts, result)) {
     found.emplace_back(v1::VERDICT_DOUBTFUL, "the refinement of the solution did not converge: the estimated error is " +
-                                                 rounded(result.estimated_error()) + ", and may be a thousand times too small");
+                                                 three_digits(result.estimated_error()) +
+                                                 ", and may be a thousand times too small");
   } else if (!facts.converged && !at_rounding(facts, result)) {
     found.emplace_back(v1::VERDICT_BAD, "the solver did not reach its tolerance: " + error + condition_advice(facts) +
                                             least_squares_advice(facts, relative) + clamp_advice(facts));
@@ -106,9 +104,9 @@ void judge_solution(const SolutionFacts& facts, const v1::DesignResult& result, 
 void judge_condition(const SolutionFacts& facts, v1::DesignResult& result, std::vector<Finding>& found) {
   if (!(facts.condition > doubtful_condition)) return;
   if (!facts.converged && !only_unrefined(facts, result) && !condition_advice(facts).empty()) return;  // said already
-  const std::string condition = "the condition of the system is " + rounded(facts.condition);
+  const std::string condition = "the condition of the system is " + three_digits(facts.condition);
   const bool measured = facts.method.condition_effect == MethodFacts::Effect::measured;
-  const std::string error = "; the measured error is " + rounded(result.relative_error()) + " of the largest displacement";
+  const std::string error = "; the measured error is " + three_digits(result.relative_error()) + " of the largest displacement";
   const bool small = result.relative_error() <= harmless_error || result.estimated_error() <= negligible_error * facts.diagonal;
   if (measured && facts.converged && small) {
     result.add_notes(condition + error);
@@ -127,15 +125,15 @@ void judge_motion(const SolutionFacts& facts, const v1::DesignResult& result, st
   if (!(prescribed > negligible_error * facts.diagonal)) return;
   if (result.max_displacement() < no_motion * prescribed) {
     found.emplace_back(v1::VERDICT_BAD, "nothing moves: the largest displacement of a point is " +
-                                            rounded(result.max_displacement()) + ", the largest prescribed one " +
-                                            rounded(prescribed) + "; is the lattice or cage around the model?");
+                                            three_digits(result.max_displacement()) + ", the largest prescribed one " +
+                                            three_digits(prescribed) + "; is the lattice or cage around the model?");
     return;
   }
   if (facts.misfit > doubtful_misfit * prescribed) {
     found.emplace_back(facts.misfit > bad_misfit * prescribed ? v1::VERDICT_BAD : v1::VERDICT_DOUBTFUL,
-                       "handle and fixed points are missed by up to " + rounded(facts.misfit) + ", " +
-                           rounded(facts.misfit / prescribed) + " of the largest prescribed displacement: take more control " +
-                           "points or a smaller `clamp`");
+                       "handle and fixed points are missed by up to " + three_digits(facts.misfit) + ", " +
+                           three_digits(facts.misfit / prescribed) +
+                           " of the largest prescribed displacement: take more control " + "points or a smaller `clamp`");
   }
 }
 
@@ -151,12 +149,13 @@ void judge_mesh(const SolutionFacts& facts, const v1::DesignResult& result, std:
   if (result.has_split()) {
     const auto& split = result.split();
     if (!split.inversion_free() || split.reached() < 1) {
-      found.emplace_back(v1::VERDICT_BAD, "the split did not arrive: " + rounded(split.reached()) + " of the motion was reached");
+      found.emplace_back(v1::VERDICT_BAD,
+                         "the split did not arrive: " + three_digits(split.reached()) + " of the motion was reached");
     }
   } else if (result.cells().inverted() > 0) {
     found.emplace_back(v1::VERDICT_BAD, std::to_string(result.cells().inverted()) + " of " +
                                             std::to_string(result.cells().cells()) + " cells are inverted; none before " +
-                                            rounded(result.cells().safe_amplitude()) + " of the motion" +
+                                            three_digits(result.cells().safe_amplitude()) + " of the motion" +
                                             failed_checks(result.cells()));
   }
   if (result.faces().flipped() > 0) {
@@ -177,7 +176,7 @@ void judge_mesh(const SolutionFacts& facts, const v1::DesignResult& result, std:
   if (std::isfinite(result.max_displacement()) &&
       displacement_warning({result.max_displacement(), 0}, result.prescribed_displacement(), facts.diagonal)) {
     found.emplace_back(v1::VERDICT_DOUBTFUL, "a point moves " +
-                                                 rounded(result.max_displacement() / result.prescribed_displacement()) +
+                                                 three_digits(result.max_displacement() / result.prescribed_displacement()) +
                                                  " times the largest prescribed displacement" +
                                                  (facts.method.overshoot.empty() ? "" : ": " + facts.method.overshoot));
   }
@@ -190,7 +189,7 @@ void judge_size(const SolutionFacts& facts, const v1::DesignResult& result, std:
   if (beyond) {
     found.emplace_back(v1::VERDICT_BAD, *beyond);
   } else if (facts.diagonal > 0 && prescribed > far_away * facts.diagonal) {
-    found.emplace_back(v1::VERDICT_DOUBTFUL, "points are to move by up to " + rounded(prescribed / facts.diagonal) +
+    found.emplace_back(v1::VERDICT_DOUBTFUL, "points are to move by up to " + three_digits(prescribed / facts.diagonal) +
                                                  " times the diagonal of the model; are these its units?");
   }
 }
@@ -202,9 +201,9 @@ void judge_heights(const v1::ConstraintResidual& residual, std::vector<Finding>&
   if (1 - least <= doubtful_height && largest - 1 <= doubtful_height) return;
   found.emplace_back(
       v1::VERDICT_DOUBTFUL,
-      "the heights of the layers of \"" + residual.name() + "\" are " + rounded(least) + " to " + rounded(largest) +
-          " of those at rest, without the constraint " + rounded(residual.free_least_height()) + " to " +
-          rounded(residual.free_largest_height()) +
+      "the heights of the layers of \"" + residual.name() + "\" are " + three_digits(least) + " to " + three_digits(largest) +
+          " of those at rest, without the constraint " + three_digits(residual.free_least_height()) + " to " +
+          three_digits(residual.free_largest_height()) +
           ": points above the wall are held, exact or on two walls, or the wall folds; hold no points above the wall");
 }
 
@@ -227,8 +226,8 @@ std::string held_reason(const v1::ConstraintResidual& residual) {
   const bool one = points == 1;
   return std::to_string(points) + (one ? " of its points is held" : " of its points are held") +
          (residual.held_size() > 1 ? ", " : " ") + by + ", and " + (one ? "it alone misses" : "these alone miss") +
-         " the shape by up to " + rounded(residual.held_largest()) + " (rms " + rounded(residual.held_rms()) + " of " +
-         rounded(residual.rms()) + "), which no weight changes: take " + (one ? "it" : "them") + " out of the region" +
+         " the shape by up to " + three_digits(residual.held_largest()) + " (rms " + three_digits(residual.held_rms()) + " of " +
+         three_digits(residual.rms()) + "), which no weight changes: take " + (one ? "it" : "them") + " out of the region" +
          (handles ? ", or let the handle follow the shape" : "");
 }
 
@@ -239,10 +238,10 @@ void judge_residual(const SolutionFacts& facts, double prescribed, const v1::Con
   if (residual.largest() <= doubtful_constraint * prescribed) return;
   const std::string held = held_reason(residual);
   found.emplace_back(v1::VERDICT_DOUBTFUL,
-                     "constraint \"" + residual.name() + "\" is missed by up to " + rounded(residual.largest()) + ", " +
-                         rounded(residual.largest() / prescribed) + " of the largest prescribed displacement, without it by " +
-                         rounded(residual.free_largest()) + ": " +
-                         (held.empty() ? facts.method.more_freedom + "a larger weight, or `exact: true`" : held));
+                     "constraint \"" + residual.name() + "\" is missed by up to " + three_digits(residual.largest()) + ", " +
+                         three_digits(residual.largest() / prescribed) +
+                         " of the largest prescribed displacement, without it by " + three_digits(residual.free_largest()) +
+                         ": " + (held.empty() ? facts.method.more_freedom + "a larger weight, or `exact: true`" : held));
 }
 
 void judge_constraints(const SolutionFacts& facts, const v1::DesignResult& result, std::vector<Finding>& found) {
@@ -289,7 +288,8 @@ MethodFacts method_facts(const v1::Setup& setup) {
 }
 
 std::string rounding_note(double convergence_error) {
-  return "the tolerance of the constraints is less than rounding allows: their points are about " + rounded(convergence_error) +
+  return "the tolerance of the constraints is less than rounding allows: their points are about " +
+         three_digits(convergence_error) +
          " from the solution, as near as doubles come; a larger constraint_options.tolerance gives the same";
 }
 

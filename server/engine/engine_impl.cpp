@@ -391,7 +391,10 @@ std::shared_ptr<DeformJob> EngineImpl::deform(v1::DeformRequest request, std::ui
       auto evaluation = shared->warm_start() ? system.system->bind_sequence(designs, path, warm, context)
                                              : system.system->bind(designs, path, context);
       doubts.clear();
-      for (const Design& design : designs) doubts.push_back(handle_shape_doubts(system.setup, design));
+      for (const Design& design : designs) {
+        doubts.push_back(handle_shape_doubts(system.setup, design));
+        if (const std::string& stray = system.stray_points(); !stray.empty()) doubts.back().push_back(stray);
+      }
       return evaluation;
     };
     BoundDesigns bound = failures == Failures::per_design ? bind_each(convert_each(*shared, system), bind)

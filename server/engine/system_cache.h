@@ -48,9 +48,15 @@ struct ResidentSystem {
   FaceCheckCache<FlipCheck> flip_check;
   FaceCheckCache<IntersectionCheck> intersection_check;
 
+  /// stray_points_warning() of its mesh, asked once. Thread-safe.
+  const std::string& stray_points() const;
   std::size_t bytes() const { return system->bytes() + setup_bytes; }
   /// The cost of one design for Scheduler::start(), in points.
   double design_work() const { return static_cast<double>(Scheduler::least_cost + mesh->point_count()); }
+
+ private:
+  mutable std::once_flag looked_for_stray_points_;
+  mutable std::string stray_points_;  // once looked for
 };
 
 /// Prepared systems by the key of tenant and id (store/tenant.h), bounded by bytes.

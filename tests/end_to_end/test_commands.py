@@ -18,6 +18,21 @@ class Flow(EndToEnd):
         self.sample = self.deform("sample", "-o", "ahmed.obj", "--points", 3000, "--json").json
         self.write("setup.yaml", AHMED_SETUP)
 
+    def test_points_that_have_strayed_are_told_wherever_one_looks(self):
+        """One point far away makes the body a dot in its own box: only the handles moved, and that was good without a word."""
+        lines = open(self.path("ahmed.obj")).read().splitlines(keepends=True)
+        last = max(i for i, line in enumerate(lines) if line.startswith("v "))
+        lines.insert(last + 1, "v 1e15 0 0\n")
+        self.write("ahmed.obj", "".join(lines))
+        said = "but the bounding box is 1e+15 long"
+        self.assertIn(said, self.deform("inspect", "ahmed.obj").out)
+        self.assertIn(said, self.deform("inspect", "ahmed.obj", "--json").json["warning"])
+        notes = self.deform("prepare", "setup.yaml", "--check", "--json").json["notes"]
+        self.assertEqual(sum(said in note for note in notes), 1, notes)
+        applied = self.deform("apply", "setup.yaml", "--set", "roof_up=0.03", "-o", "out.obj", "--check", "off", "--json").json
+        self.assertEqual(applied["report"]["verdict"], "doubtful")
+        self.assertTrue(any(said in reason for reason in applied["report"]["reasons"]), applied["report"])
+
     def test_readme_flow(self):
         self.assertEqual([g["name"] for g in self.sample["groups"]],
                          ["nose", "roof", "sides", "slant", "base", "underbody", "stilts"])
