@@ -265,7 +265,7 @@ void judge_constraints(const SolutionFacts& facts, const v1::DesignResult& resul
 
 /// One method of a setup.
 struct Stage {
-  std::string field;  ///< "method", "then[0]"
+  std::string name;  ///< "the first method", "then[0]"
   const v1::Method& method;
   int fixed = 0;  ///< the number of its fixed regions
 };
@@ -277,16 +277,16 @@ std::string overshoot(const std::vector<Stage>& stages) {
   for (const Stage& stage : stages) {
     if (!stage.method.has_rbf()) continue;
     if (stage.fixed == 0) {
-      unfixed += (unfixed.empty() ? "" : " and ") + stage.field;
+      unfixed += (unfixed.empty() ? "" : " and ") + stage.name;
       continue;
     }
     const v1::Kernel kernel = stage.method.rbf().kernel();
     if (kernel != v1::THIN_PLATE && kernel != v1::TRIHARMONIC && kernel != v1::QUINTIC && kernel != v1::WENDLAND_C2) continue;
     const auto known = std::find_if(kernels.begin(), kernels.end(), [&](const auto& entry) { return entry.first == kernel; });
     if (known == kernels.end()) {
-      kernels.emplace_back(kernel, stage.field);
+      kernels.emplace_back(kernel, stage.name);
     } else {
-      known->second += " and " + stage.field;
+      known->second += " and " + stage.name;
     }
   }
   const bool several = stages.size() > 1;
@@ -306,7 +306,7 @@ std::string overshoot(const std::vector<Stage>& stages) {
 
 MethodFacts method_facts(const v1::Setup& setup) {
   MethodFacts facts;
-  std::vector<Stage> stages{{"method", setup.method(), setup.fixed_size()}};
+  std::vector<Stage> stages{{"the first method", setup.method(), setup.fixed_size()}};
   for (int s = 0; s < setup.then_size(); ++s) {
     stages.push_back({"then[" + std::to_string(s) + "]", setup.then(s).method(), setup.then(s).fixed_size()});
   }

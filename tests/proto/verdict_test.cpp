@@ -428,11 +428,12 @@ TEST(Verdicts, NameTheKernelsAndMethodsOfChainsThatOvershoot) {
   v1::Stage& second = *setup.add_then();
   second.mutable_method()->mutable_rbf()->set_kernel(v1::BIHARMONIC);
   second.add_fixed()->set_group("farfield");
-  EXPECT_EQ(method_facts(setup).overshoot, "kernel THIN_PLATE of method" + slopes);
+  EXPECT_EQ(method_facts(setup).overshoot, "kernel THIN_PLATE of the first method" + slopes);
   second.mutable_method()->mutable_rbf()->set_kernel(v1::THIN_PLATE);
-  EXPECT_EQ(method_facts(setup).overshoot, "kernel THIN_PLATE of method and then[0]" + slopes);
+  EXPECT_EQ(method_facts(setup).overshoot, "kernel THIN_PLATE of the first method and then[0]" + slopes);
   second.mutable_method()->mutable_rbf()->set_kernel(v1::QUINTIC);
-  EXPECT_EQ(method_facts(setup).overshoot, "kernel THIN_PLATE of method" + slopes + "; kernel QUINTIC of then[0]" + slopes);
+  EXPECT_EQ(method_facts(setup).overshoot,
+            "kernel THIN_PLATE of the first method" + slopes + "; kernel QUINTIC of then[0]" + slopes);
   second.clear_fixed();
   setup.mutable_method()->mutable_ffd();
   EXPECT_EQ(method_facts(setup).overshoot,

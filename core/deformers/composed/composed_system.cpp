@@ -424,8 +424,7 @@ double ComposedSystem::prescribed_displacement(const Bound& bound, const Design&
       for (std::size_t i = 0; i < ids.size(); ++i) {
         const Vec3& rest = mesh_->points[ids[i]];
         const Vec3 to = given != nullptr ? at[i] + (*given)[ranks[i]] : transformed(std::get<Affine>(motions[h].value), at[i]);
-        const unsigned on = regions_.symmetry.on(ids[i]);
-        largest = std::max(largest, distance(on == 0 ? to : regions_.symmetry.slid(rest, to, on), rest));
+        largest = std::max(largest, distance(to, rest));
       }
     }
   }

@@ -23,10 +23,10 @@ namespace deform {
 /// the direct path, and products with the transposed Jacobian take one solution for each variable. Control points have no
 /// y_{s-1}: handles that select them move them from rest.
 ///
-/// DesignReport::prescribed_displacement is that of the chain: the largest distance from rest of a place to which a method sends a
-/// point of a handle that moves. A point that several methods move counts with the last of these; where methods move on what they
-/// do not hold, the place that was prescribed counts. A control point counts with its own displacement after that of a point of
-/// the mesh near it.
+/// DesignReport::prescribed_displacement is that of the chain: the largest distance from rest of a place to which a method sends
+/// a point of a handle that moves. A point that several methods move counts with the last of these; where methods move on what
+/// they do not hold, the place that was prescribed counts. A control point counts with its own displacement after that of a point
+/// of the mesh near it.
 class ComposedSystem : public System {
  public:
   /// Throws what prepare() throws for each method, naming then[i].
