@@ -156,6 +156,15 @@ TEST(ComposedReport, MotionsCountAsVariablesDo) {
   const auto bound = system->bind(designs, EvaluationPath::automatic, {});
   const std::vector<double> oracle{0.5, 0, 0.5, 0.5, 0.5, 0.4};
   for (std::size_t i = 0; i < designs.size(); ++i) EXPECT_NEAR(bound->report(i).prescribed_displacement, oracle[i], 1e-12) << i;
+  // Each point has a displacement of its own: the one that moves most is told, whether the first handle lifts it or not.
+  std::vector<Vec3> ramp;
+  double most = 0.5;
+  for (std::size_t i = 0; i < second; ++i) {
+    ramp.push_back({0, 0, 0.001 * static_cast<double>(i)});
+    most = std::max(most, 0.5 + ramp.back()[2]);  // the first method lifts all by 0.5
+  }
+  EXPECT_NEAR(told(*system, Design{{1, 0}, {{1, ramp}}}), most, 1e-12);
+  EXPECT_GT(most, 0.55);
   // The points of both handles come back: without those of the first alone, what is left is the difference.
   const std::vector<Step> same{shifted(0.2, 1.1, {0, 0, 0.5}), shifted(0.1, 1.8, {0, 0, -0.4})};
   EXPECT_NEAR(told(*prepare(mesh, chain(same)), Design{{1, 1}, {}}), 0.1, 1e-12);
@@ -249,6 +258,15 @@ TEST(ComposedReport, ControlPointsAddToWhatMovedNearThem) {
   setup.fixed = {box({-1, -1, -1}, {1.65, 2, 1})};
   EXPECT_NEAR(told(*prepare(mesh, setup), Design{{1, 1}, {}}), 0.3, 1e-12);
   EXPECT_NEAR(told(*prepare(mesh, setup), Design{{1, 2}, {}}), 0.4, 1e-12);
+  // Around the end, it carries it.
+  const test::CageMesh beside = test::box_cage({1.6, -0.4, -0.5}, {2.3, 1.3, 0.6});
+  cage.vertices = beside.vertices;
+  setup.then[0].method = cage;
+  setup.handles[1].region = {Region::ControlIds{{}}};
+  for (std::uint32_t i = 0; i < beside.vertices.size(); ++i) {
+    if (beside.vertices[i][0] > 2) std::get<Region::ControlIds>(setup.handles[1].region.kind).ids.push_back(i);
+  }
+  EXPECT_NEAR(told(*prepare(mesh, setup), Design{{1, 1}, {}}), 0.5, 1e-12);
   // The cage first.
   deform::Setup other = chain({shifted(0, 0, {0, 0, 0.2}), shifted(1.7, 2.1, {0, 0, 0.3})});
   other.method = cage;
