@@ -11,7 +11,6 @@
 #include "core/base/parallel.h"
 #include "core/base/vectors.h"
 #include "core/deformers/handles/handle_motion.h"
-#include "core/deformers/methods.h"
 #include "core/deformers/option_checks.h"
 #include "core/deformers/space_map.h"
 #include "core/numerics/interpolation/solver.h"
@@ -170,7 +169,7 @@ class ComposedMap : public SpaceMap {
 };
 
 ComposedSystem::ComposedSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, const RunContext& context,
-                               std::size_t memory_budget)
+                               std::size_t memory_budget, const ControlPlaces& control_places)
     : mesh_(std::move(mesh)), setup_(setup), regions_(validate(setup_, *mesh_)) {
   std::size_t resident = 0;
   for (std::size_t s = 0; s <= setup_.then.size(); ++s) {
@@ -191,7 +190,7 @@ ComposedSystem::ComposedSystem(std::shared_ptr<const Mesh> mesh, const Setup& se
       throw Error(error.code(), stage_field(s) + ": " + error.what(), error.retry_after_ms());
     }
     resident += stage.system->bytes();
-    if (s > 0 && regions_.stages[s].of == SelectedRegions::Of::control_points) find_near_points(s);
+    if (s > 0 && regions_.stages[s].of == SelectedRegions::Of::control_points) find_near_points(s, control_places);
   }
   fill_info();
 }
@@ -245,7 +244,7 @@ void ComposedSystem::add_stage_info(std::size_t stage) {
   for (const auto& [name, seconds] : own.stage_seconds) info_.stage_seconds.emplace_back(field + " " + name, seconds);
 }
 
-void ComposedSystem::find_near_points(std::size_t stage) {
+void ComposedSystem::find_near_points(std::size_t stage, const ControlPlaces& control_places) {
   Prepared& prepared = stages_[stage];
   const SelectedRegions& regions = regions_.stages[stage];
   const std::size_t stride = 1 + (mesh_->point_count() - 1) / most_near_points;

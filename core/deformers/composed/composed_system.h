@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstddef>
+#include <functional>
 #include <memory>
 #include <span>
 #include <vector>
@@ -29,8 +30,11 @@ namespace deform {
 /// of the mesh near it.
 class ComposedSystem : public System {
  public:
+  /// Where the control points of a setup of one method are at rest, model units: control_places() of all methods.
+  using ControlPlaces = std::function<std::vector<Vec3>(const Setup&, const Mesh&, const Symmetry&)>;
   /// Throws what prepare() throws for each method, naming then[i].
-  ComposedSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, const RunContext& context, std::size_t memory_budget);
+  ComposedSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, const RunContext& context, std::size_t memory_budget,
+                 const ControlPlaces& control_places);
 
   const SystemInfo& info() const override { return info_; }
   std::unique_ptr<const Evaluation> bind(std::span<const Design> designs, EvaluationPath path,
@@ -77,7 +81,7 @@ class ComposedSystem : public System {
 
   void fill_info();
   void add_stage_info(std::size_t stage);
-  void find_near_points(std::size_t stage);
+  void find_near_points(std::size_t stage, const ControlPlaces& control_places);
   /// Binds the first `stages` methods.
   Bound bind_stages(std::span<const Design> designs, std::size_t stages, EvaluationPath path, const RunContext& context) const;
   /// Of one design for one method; of those before it they are bound.
