@@ -120,7 +120,7 @@ std::shared_ptr<const System> prepare(std::shared_ptr<const Mesh> mesh, const Se
     }
   }
   if (is_composed(setup)) {
-    return std::make_shared<const ComposedSystem>(std::move(mesh), setup, context, memory_budget);
+    return std::make_shared<const ComposedSystem>(std::move(mesh), setup, context, memory_budget, control_places);
   }
   if (is_mirrored(setup)) {
     return std::make_shared<const MirroredSystem>(std::move(mesh), setup, context, memory_budget);

@@ -90,7 +90,8 @@ struct DesignReport {
   EvaluationPath path = EvaluationPath::basis;  ///< path of the evaluation
   double interpolation_residual = 0;            ///< max over the centres of |interpolant - prescribed position|, model units
   /// Largest prescribed displacement of a handle point, model units. Other points may move farther: see largest_displacement()
-  /// and displacement_warning() of core/quality/displacement.h.
+  /// and displacement_warning() of core/quality/displacement.h. Of several methods (Setup::then) that of the chain, from rest to
+  /// where the last method that moves a handle point sends it: see ComposedSystem.
   double prescribed_displacement = 0;
   /// Estimated largest error at the points, model units, relative to the exact solution of the equations of the method (for
   /// INCREMENTAL_QR the interpolant of all constraint points). At least half of the true error.

@@ -262,28 +262,67 @@ void judge_constraints(const SolutionFacts& facts, const v1::DesignResult& resul
   }
 }
 
+/// One method of a setup.
+struct Stage {
+  std::string name;  ///< "the first method", "then[0]"
+  const v1::Method& method;
+  int fixed = 0;  ///< the number of its fixed regions
+};
+
+/// What radial basis functions do beyond the handles. Of several methods each is named, as nobody knows which of them did it.
+std::string overshoot(const std::vector<Stage>& stages) {
+  std::string unfixed;
+  std::vector<std::pair<v1::Kernel, std::string>> kernels;  // with the methods that have them
+  for (const Stage& stage : stages) {
+    if (!stage.method.has_rbf()) continue;
+    if (stage.fixed == 0) {
+      unfixed += (unfixed.empty() ? "" : " and ") + stage.name;
+      continue;
+    }
+    const v1::Kernel kernel = stage.method.rbf().kernel();
+    if (kernel != v1::THIN_PLATE && kernel != v1::TRIHARMONIC && kernel != v1::QUINTIC && kernel != v1::WENDLAND_C2) continue;
+    const auto known = std::find_if(kernels.begin(), kernels.end(), [&](const auto& entry) { return entry.first == kernel; });
+    if (known == kernels.end()) {
+      kernels.emplace_back(kernel, stage.name);
+    } else {
+      known->second += " and " + stage.name;
+    }
+  }
+  const bool several = stages.size() > 1;
+  std::string text;
+  if (!unfixed.empty()) {
+    text = "nothing is fixed" + (several ? " in " + unfixed : "") +
+           ", so that what is beyond the handles goes on moving as they do; fix what is to stay";
+  }
+  for (const auto& [kernel, fields] : kernels) {
+    text += (text.empty() ? "kernel " : "; kernel ") + v1::Kernel_Name(kernel) + (several ? " of " + fields : "") +
+            " carries the slopes of handles that turn or bend on beyond them; kernel BIHARMONIC hardly does";
+  }
+  return text;
+}
+
 }  // namespace
 
 MethodFacts method_facts(const v1::Setup& setup) {
   MethodFacts facts;
-  const bool all = setup.method().has_rbf() && std::all_of(setup.then().begin(), setup.then().end(),
-                                                           [](const auto& stage) { return stage.method().has_rbf(); });
-  if (all) facts.condition_effect = MethodFacts::Effect::measured;
-  facts.manipulates_directly = (setup.method().has_ffd() && setup.method().ffd().control() == v1::MESH) ||
-                               (setup.method().has_cage() && setup.method().cage().control() == v1::MESH);
+  std::vector<Stage> stages{{"the first method", setup.method(), setup.fixed_size()}};
+  for (int s = 0; s < setup.then_size(); ++s) {
+    stages.push_back({"then[" + std::to_string(s) + "]", setup.then(s).method(), setup.then(s).fixed_size()});
+  }
+  if (std::all_of(stages.begin(), stages.end(), [](const Stage& stage) { return stage.method.has_rbf(); })) {
+    facts.condition_effect = MethodFacts::Effect::measured;
+  }
+  facts.manipulates_directly = std::any_of(stages.begin(), stages.end(), [](const Stage& stage) {
+    return (stage.method.has_ffd() && stage.method.ffd().control() == v1::MESH) ||
+           (stage.method.has_cage() && stage.method.cage().control() == v1::MESH);
+  });
   if (setup.method().has_ffd()) facts.more_freedom = "take more control points, ";
   if (setup.method().has_mls()) facts.more_freedom = "take more samples, ";
   if (setup.method().has_subspace()) facts.more_freedom = "take more centres, ";
-  if (!setup.method().has_rbf() || setup.then_size() > 0) return facts;
-  const v1::RbfMethod& rbf = setup.method().rbf();
-  if (rbf.solver() == v1::INCREMENTAL_QR) facts.least_squares_tolerance = rbf.tolerance();
-  const v1::Kernel kernel = rbf.kernel();
-  if (setup.fixed_size() == 0) {
-    facts.overshoot = "nothing is fixed, so that what is beyond the handles goes on moving as they do; fix what is to stay";
-  } else if (kernel == v1::THIN_PLATE || kernel == v1::TRIHARMONIC || kernel == v1::QUINTIC || kernel == v1::WENDLAND_C2) {
-    facts.overshoot = "kernel " + v1::Kernel_Name(kernel) +
-                      " carries the slopes of handles that turn or bend on beyond them; kernel BIHARMONIC hardly does";
+  if (setup.method().has_rbf() && setup.then_size() == 0 && setup.method().rbf().solver() == v1::INCREMENTAL_QR) {
+    facts.least_squares_tolerance = setup.method().rbf().tolerance();
   }
+  facts.overshoot = overshoot(stages);
   return facts;
 }
 

@@ -420,6 +420,31 @@ TEST(Verdicts, NameTheKernelThatOvershoots) {
   EXPECT_TRUE(method_facts(setup).overshoot.empty());
 }
 
+TEST(Verdicts, NameTheKernelsAndMethodsOfChainsThatOvershoot) {
+  const std::string slopes = " carries the slopes of handles that turn or bend on beyond them; kernel BIHARMONIC hardly does";
+  v1::Setup setup;
+  setup.mutable_method()->mutable_rbf()->set_kernel(v1::THIN_PLATE);
+  setup.add_fixed()->set_group("farfield");
+  v1::Stage& second = *setup.add_then();
+  second.mutable_method()->mutable_rbf()->set_kernel(v1::BIHARMONIC);
+  second.add_fixed()->set_group("farfield");
+  EXPECT_EQ(method_facts(setup).overshoot, "kernel THIN_PLATE of the first method" + slopes);
+  second.mutable_method()->mutable_rbf()->set_kernel(v1::THIN_PLATE);
+  EXPECT_EQ(method_facts(setup).overshoot, "kernel THIN_PLATE of the first method and then[0]" + slopes);
+  second.mutable_method()->mutable_rbf()->set_kernel(v1::QUINTIC);
+  EXPECT_EQ(method_facts(setup).overshoot,
+            "kernel THIN_PLATE of the first method" + slopes + "; kernel QUINTIC of then[0]" + slopes);
+  second.clear_fixed();
+  setup.mutable_method()->mutable_ffd();
+  EXPECT_EQ(method_facts(setup).overshoot,
+            "nothing is fixed in then[0], so that what is beyond the handles goes on moving as they do; fix what is to stay");
+  second.mutable_method()->mutable_ffd()->set_control(v1::MESH);
+  EXPECT_TRUE(method_facts(setup).overshoot.empty());
+  EXPECT_TRUE(method_facts(setup).manipulates_directly);
+  second.mutable_method()->mutable_ffd()->set_control(v1::ENERGY);
+  EXPECT_FALSE(method_facts(setup).manipulates_directly);
+}
+
 TEST(Verdicts, TheWorstReasonComesFirst) {
   SolutionFacts facts = good_facts;
   facts.condition = 1e13;

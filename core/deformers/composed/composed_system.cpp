@@ -14,6 +14,7 @@
 #include "core/deformers/option_checks.h"
 #include "core/deformers/space_map.h"
 #include "core/numerics/interpolation/solver.h"
+#include "core/numerics/sampling/point_tree.h"
 
 namespace deform {
 
@@ -23,6 +24,7 @@ constexpr std::size_t composed_points_per_task = 512;
 /// By how much an error of the points of a handle that is turned may grow between these, where their displacements are
 /// interpolated or extrapolated.
 constexpr double carried_growth = 4;
+constexpr std::size_t most_near_points = 65536;  // among which those near control points are looked for
 
 /// The linear part of M - 1, row by row; of a rate M itself.
 std::array<double, 9> linear_part(const Affine& map, double unit) {
@@ -167,7 +169,7 @@ class ComposedMap : public SpaceMap {
 };
 
 ComposedSystem::ComposedSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, const RunContext& context,
-                               std::size_t memory_budget)
+                               std::size_t memory_budget, const ControlPlaces& control_places)
     : mesh_(std::move(mesh)), setup_(setup), regions_(validate(setup_, *mesh_)) {
   std::size_t resident = 0;
   for (std::size_t s = 0; s <= setup_.then.size(); ++s) {
@@ -188,6 +190,7 @@ ComposedSystem::ComposedSystem(std::shared_ptr<const Mesh> mesh, const Setup& se
       throw Error(error.code(), stage_field(s) + ": " + error.what(), error.retry_after_ms());
     }
     resident += stage.system->bytes();
+    if (s > 0 && regions_.stages[s].of == SelectedRegions::Of::control_points) find_near_points(s, control_places);
   }
   fill_info();
 }
@@ -241,6 +244,22 @@ void ComposedSystem::add_stage_info(std::size_t stage) {
   for (const auto& [name, seconds] : own.stage_seconds) info_.stage_seconds.emplace_back(field + " " + name, seconds);
 }
 
+void ComposedSystem::find_near_points(std::size_t stage, const ControlPlaces& control_places) {
+  Prepared& prepared = stages_[stage];
+  const SelectedRegions& regions = regions_.stages[stage];
+  const std::size_t stride = 1 + (mesh_->point_count() - 1) / most_near_points;
+  std::vector<Vec3> some;
+  for (std::size_t i = 0; i < mesh_->point_count(); i += stride) some.push_back(mesh_->points[i]);
+  const PointTree tree(some);
+  const std::vector<Vec3> all = control_places(prepared.of.setup, *mesh_, regions.symmetry);
+  for (const auto& handle : regions.handles) {
+    std::vector<Vec3>& places = prepared.controls.emplace_back();
+    for (const PointId id : handle) places.push_back(all[id]);
+    std::vector<PointId>& near = prepared.near.emplace_back();
+    for (const Vec3& place : places) near.push_back(static_cast<PointId>(stride * tree.nearest(place).point));
+  }
+}
+
 std::vector<Affine> ComposedSystem::checked_maps(const Design& design, std::size_t index) const {
   const std::string field = "designs[" + std::to_string(index) + "].";
   std::vector<Affine> maps(setup_.handles.size(), identity_affine);
@@ -269,9 +288,13 @@ std::vector<Affine> ComposedSystem::checked_maps(const Design& design, std::size
   return maps;
 }
 
-std::vector<Vec3> ComposedSystem::places(const Bound& bound, std::size_t design, std::span<const PointId> ids,
+std::vector<Vec3> ComposedSystem::places(const Bound& bound, std::size_t stages, std::size_t design, std::span<const PointId> ids,
                                          const RunContext& context) const {
   std::vector<Vec3> result(ids.size());
+  if (stages == 0) {
+    for (std::size_t i = 0; i < ids.size(); ++i) result[i] = mesh_->points[ids[i]];
+    return result;
+  }
   const auto parts = runs(ids);
   parallel_for(context, parts.size(), 64, [&](std::size_t begin, std::size_t end) {
     for (std::size_t r = begin; r < end; ++r) {
@@ -279,7 +302,7 @@ std::vector<Vec3> ComposedSystem::places(const Bound& bound, std::size_t design,
       const std::size_t from = ids[parts[r].first], to = from + (parts[r].second - parts[r].first);
       const std::span<Vec3* const> one(&out, 1);
       bound.evaluations[0]->evaluate(from, to, design, one);
-      for (std::size_t s = 1; s < bound.evaluations.size(); ++s) {
+      for (std::size_t s = 1; s < stages; ++s) {
         add_displacements(*bound.evaluations[s], *mesh_, from, to, design, one);
       }
     }
@@ -312,7 +335,7 @@ Design ComposedSystem::stage_design(const Design& design, std::size_t index, std
     const Affine& map = maps[of.first_handle + h];
     if (is_translation(map)) continue;  // or displacements
     const std::vector<PointId>& ids = regions.handles[h];
-    const std::vector<Vec3> at = places(before, index, ids, context);
+    const std::vector<Vec3> at = places(before, stage, index, ids, context);
     bool moved = false;
     for (std::size_t i = 0; i < ids.size(); ++i) moved = moved || at[i] != mesh_->points[ids[i]];
     if (!moved) continue;
@@ -358,7 +381,6 @@ void ComposedSystem::add_report(const Bound& bound, std::size_t stage, std::size
   if (own.path == EvaluationPath::direct) report.path = EvaluationPath::direct;
   report.error = report.error * (1 + carried_growth * turning) + own.error;
   report.interpolation_residual = std::max(report.interpolation_residual, own.interpolation_residual);
-  report.prescribed_displacement += own.prescribed_displacement;
   report.control_displacement = std::max(report.control_displacement, own.control_displacement);
   report.misfit = std::max(report.misfit, own.misfit);
   report.torn_edges += own.torn_edges;
@@ -366,6 +388,62 @@ void ComposedSystem::add_report(const Bound& bound, std::size_t stage, std::size
   report.converged = report.converged && own.converged;
   report.at_rounding = both && !report.converged;
   for (const std::string& warning : own.warnings) report.warnings.push_back(stage_field(stage) + ": " + warning);
+}
+
+double ComposedSystem::prescribed_displacement(const Bound& bound, const Design& design, std::size_t index,
+                                               const RunContext& context) const {
+  std::vector<Motion> motions;
+  for (std::size_t h = 0; h < setup_.handles.size(); ++h) motions.push_back({h, bound.maps[index][h]});
+  for (const Motion& motion : design.motions) motions[motion.handle] = motion;
+  const auto moves = [](const Motion& motion) {
+    const auto* given = std::get_if<std::vector<Vec3>>(&motion.value);
+    if (given == nullptr) return std::get<Affine>(motion.value) != identity_affine;
+    return std::any_of(given->begin(), given->end(), [](const Vec3& u) { return u != Vec3{}; });
+  };
+  std::vector<char> counted(mesh_->point_count());
+  double largest = 0;
+  for (std::size_t s = stages_.size(); s-- > 0;) {
+    const std::size_t first = stages_[s].of.first_handle;
+    for (std::size_t h = first; h < first + stages_[s].of.setup.handles.size(); ++h) {
+      if (!moves(motions[h])) continue;
+      if (regions_.stages[s].of == SelectedRegions::Of::control_points) {
+        largest = std::max(largest, control_displacement(bound, index, s, h, motions[h], context));
+        continue;
+      }
+      const std::vector<PointId>& all = regions_.handles[h];
+      std::vector<PointId> ids;
+      std::vector<std::size_t> ranks;
+      for (std::size_t i = 0; i < all.size(); ++i) {
+        if (counted[all[i]]++ != 0) continue;
+        ids.push_back(all[i]);
+        ranks.push_back(i);
+      }
+      const std::vector<Vec3> at = places(bound, s, index, ids, context);
+      const auto* given = std::get_if<std::vector<Vec3>>(&motions[h].value);
+      for (std::size_t i = 0; i < ids.size(); ++i) {
+        const Vec3& rest = mesh_->points[ids[i]];
+        const Vec3 to = given != nullptr ? at[i] + (*given)[ranks[i]] : transformed(std::get<Affine>(motions[h].value), at[i]);
+        largest = std::max(largest, distance(to, rest));
+      }
+    }
+  }
+  return largest;
+}
+
+double ComposedSystem::control_displacement(const Bound& bound, std::size_t index, std::size_t stage, std::size_t handle,
+                                            const Motion& motion, const RunContext& context) const {
+  if (stage == 0) return bound.evaluations[0]->report(index).prescribed_displacement;
+  const std::size_t own = handle - stages_[stage].of.first_handle;
+  const std::vector<Vec3>& controls = stages_[stage].controls[own];
+  const std::vector<PointId>& near = stages_[stage].near[own];
+  const auto* given = std::get_if<std::vector<Vec3>>(&motion.value);
+  double largest = 0;
+  for (std::size_t i = 0; i < controls.size(); ++i) {
+    const Vec3 u = given != nullptr ? (*given)[i] : transformed(std::get<Affine>(motion.value), controls[i]) - controls[i];
+    const Vec3 before = places(bound, stage, index, {&near[i], 1}, context)[0] - mesh_->points[near[i]];
+    largest = std::max(largest, norm(before + u));
+  }
+  return largest;
 }
 
 ComposedSystem::Bound ComposedSystem::bind_stages(std::span<const Design> designs, std::size_t stages, EvaluationPath path,
@@ -382,6 +460,11 @@ ComposedSystem::Bound ComposedSystem::bind_stages(std::span<const Design> design
     bound.evaluations.push_back(stages_[s].system->bind(own, path, context));
     bound.designs.push_back(std::move(own));
     for (std::size_t i = 0; i < designs.size(); ++i) add_report(bound, s, i, bound.reports[i]);
+  }
+  if (stages < stages_.size()) return bound;  // to go on from
+  for (std::size_t i = 0; i < designs.size(); ++i) {
+    context.check();
+    bound.reports[i].prescribed_displacement = prescribed_displacement(bound, designs[i], i, context);
   }
   return bound;
 }
@@ -453,10 +536,9 @@ std::vector<std::vector<ComposedSystem::Turned>> ComposedSystem::turned_at(std::
   }
   if (last == 0) return result;
   const Design design{{variables.begin(), variables.end()}, {}};
-  Bound bound = bind_stages({&design, 1}, last, EvaluationPath::automatic, context);
+  const Bound bound = bind_stages({&design, 1}, last, EvaluationPath::automatic, context);
   for (std::size_t s = last; s > 0; --s) {
-    bound.evaluations.resize(s);
-    for (Turned& turned : result[s]) turned.at = places(bound, 0, regions_.handles[turned.handle], context);
+    for (Turned& turned : result[s]) turned.at = places(bound, s, 0, regions_.handles[turned.handle], context);
   }
   return result;
 }

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstddef>
+#include <functional>
 #include <memory>
 #include <span>
 #include <vector>
@@ -22,10 +23,18 @@ namespace deform {
 /// independent: their bases, fields and adjoints apply. Otherwise a design prescribes displacements point by point, which takes
 /// the direct path, and products with the transposed Jacobian take one solution for each variable. Control points have no
 /// y_{s-1}: handles that select them move them from rest.
+///
+/// DesignReport::prescribed_displacement is that of the chain: the largest distance from rest of a place to which a method sends
+/// a point of a handle that moves. A point that several methods move counts with the last of these; where methods move on what
+/// they do not hold, the place that was prescribed counts. A control point counts with its own displacement after that of a point
+/// of the mesh near it.
 class ComposedSystem : public System {
  public:
+  /// Where the control points of a setup of one method are at rest, model units: control_places() of all methods.
+  using ControlPlaces = std::function<std::vector<Vec3>(const Setup&, const Mesh&, const Symmetry&)>;
   /// Throws what prepare() throws for each method, naming then[i].
-  ComposedSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, const RunContext& context, std::size_t memory_budget);
+  ComposedSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, const RunContext& context, std::size_t memory_budget,
+                 const ControlPlaces& control_places);
 
   const SystemInfo& info() const override { return info_; }
   std::unique_ptr<const Evaluation> bind(std::span<const Design> designs, EvaluationPath path,
@@ -51,6 +60,10 @@ class ComposedSystem : public System {
   struct Prepared {
     StageSetup of;
     std::shared_ptr<const System> system;
+    /// For each handle, if they select control points and there are methods before: where these are at rest, and a point of the
+    /// mesh near each.
+    std::vector<std::vector<Vec3>> controls{};
+    std::vector<std::vector<PointId>> near{};
   };
   /// The designs of each method, and their evaluations.
   struct Bound {
@@ -68,6 +81,7 @@ class ComposedSystem : public System {
 
   void fill_info();
   void add_stage_info(std::size_t stage);
+  void find_near_points(std::size_t stage, const ControlPlaces& control_places);
   /// Binds the first `stages` methods.
   Bound bind_stages(std::span<const Design> designs, std::size_t stages, EvaluationPath path, const RunContext& context) const;
   /// Of one design for one method; of those before it they are bound.
@@ -75,8 +89,13 @@ class ComposedSystem : public System {
                       const RunContext& context) const;
   std::vector<Affine> checked_maps(const Design& design, std::size_t index) const;
   void add_report(const Bound& bound, std::size_t stage, std::size_t index, DesignReport& report) const;
-  /// Points of a design after the methods that are bound.
-  std::vector<Vec3> places(const Bound& bound, std::size_t design, std::span<const PointId> ids, const RunContext& context) const;
+  /// The largest displacement that a design prescribes for a handle point, see above. All methods are bound.
+  double prescribed_displacement(const Bound& bound, const Design& design, std::size_t index, const RunContext& context) const;
+  double control_displacement(const Bound& bound, std::size_t index, std::size_t stage, std::size_t handle, const Motion& motion,
+                              const RunContext& context) const;
+  /// Points of a design after the first `stages` methods, which are bound.
+  std::vector<Vec3> places(const Bound& bound, std::size_t stages, std::size_t design, std::span<const PointId> ids,
+                           const RunContext& context) const;
   /// For each method the handles at which its data depend on the points before it, or whose motion changes so, at `variables`.
   std::vector<std::vector<Turned>> turned_at(std::span<const double> variables, const RunContext& context) const;
   Points product(std::span<const double> variables, std::span<const double> direction,
