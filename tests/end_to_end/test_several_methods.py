@@ -55,6 +55,8 @@ class SeveralMethods(EndToEnd):
             self.assertLess(math.dist(both[i], expected), 1e-9)
             largest = max(largest, math.dist(coarse[i], rest[i]))
         self.assertGreater(largest, 1e-3, "the first method moved them")
+        prescribed = max(0.04, max(math.dist(both[i], rest[i]) for i in slant))  # of the roof 0.04
+        self.assertAlmostEqual(reply["report"]["prescribed_displacement"], prescribed, delta=1e-9)
         for i in self.group_points("roof"):
             self.assertLess(math.dist(both[i], coarse[i]), 1e-9, "fixed points of the second stay where the first put them")
         # Translations add up.
