@@ -104,7 +104,8 @@ void find_problems(const Mesh& mesh, const Setup& setup, Problems& problems, con
   if (problems.empty()) check_sliding(mesh, setup, regions, problems);
   const Box box = bounding_box(mesh.points);
   if (!is_composed(setup)) {  // which takes none, so that none of their points are selected
-    check_constraint_sets(mesh, setup, regions, {box.min, std::max(box.diagonal(), std::numeric_limits<double>::min())}, problems);
+    check_constraint_sets(mesh, setup, regions, {box.min, std::max(box.diagonal(), std::numeric_limits<double>::min())},
+                          problems);
   }
   if (problems.empty()) problems.check("", [&] { estimate(mesh, setup, regions); });
 }

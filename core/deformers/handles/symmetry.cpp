@@ -220,9 +220,10 @@ void Symmetry::set_sector(const SectorOptions& options, const Mesh& mesh, double
   }
   // Where the rounding of a place is as large as the distance within which points are partners.
   if (diagonal > 0 && !(farthest * std::numeric_limits<double>::epsilon() <= Sector::tolerance * diagonal)) {
-    throw Error(ErrorCode::invalid_argument, what + ".origin: is " + number_digits(farthest / diagonal) +
-                                                 " diagonals of the bounding box from the mesh, too far to tell its points apart; "
-                                                 "give a point of the axis beside the mesh");
+    throw Error(ErrorCode::invalid_argument,
+                what + ".origin: is " + number_digits(farthest / diagonal) +
+                    " diagonals of the bounding box from the mesh, too far to tell its points apart; "
+                    "give a point of the axis beside the mesh");
   }
   sector_ = Sector(options, mesh, places, diagonal, what);
 }
