@@ -2,6 +2,7 @@
 #include "client/setup/id_files.h"
 
 #include <limits>
+#include <set>
 
 #include "core/base/error.h"
 #include "core/io/mesh_file.h"
@@ -27,6 +28,17 @@ std::vector<PointId> ids_of(const nlohmann::json& list, const std::string& what)
   return ids;
 }
 
+/// Of JSON, which keeps the last of members that have the same name: sets of one name are refused.
+nlohmann::json parsed(const std::string& text, const std::string& path) {
+  std::set<std::string> names;
+  return nlohmann::json::parse(text, [&](int depth, nlohmann::json::parse_event_t event, const nlohmann::json& value) {
+    if (depth == 1 && event == nlohmann::json::parse_event_t::key && !names.insert(value.get<std::string>()).second) {
+      refuse_ids(path, "has two sets \"" + value.get<std::string>() + "\"; give each its own name");
+    }
+    return true;
+  });
+}
+
 }  // namespace
 
 const nlohmann::json& IdFiles::content(const std::string& file) {
@@ -34,7 +46,7 @@ const nlohmann::json& IdFiles::content(const std::string& file) {
   const std::filesystem::path path = folder_ / file;
   nlohmann::json json;
   try {
-    json = nlohmann::json::parse(io::read_file(path, nullptr, max_id_file_bytes));
+    json = parsed(io::read_file(path, nullptr, max_id_file_bytes), path.string());
   } catch (const nlohmann::json::parse_error& error) {
     refuse_ids(path.string(), "is no JSON, see byte " + std::to_string(error.byte));
   }

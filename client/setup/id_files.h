@@ -19,8 +19,8 @@ class IdFiles {
   explicit IdFiles(std::filesystem::path folder) : folder_(std::move(folder)) {}
 
   /// The ids of a set; `set` is empty for a file that is one list. Throws Error(not_found) when there is no such file,
-  /// Error(invalid_argument): no JSON (with the byte), another form, unknown set (with the nearest names), no id (with its
-  /// index).
+  /// Error(invalid_argument): no JSON (with the byte), another form, two sets of one name, unknown set (with the nearest
+  /// names), no id (with its index).
   std::vector<PointId> ids(const std::string& file, const std::string& set);
 
  private:

@@ -2,12 +2,15 @@
 #include "client/setup/yaml_message.h"
 
 #include <google/protobuf/descriptor.h>
+#include <yaml-cpp/depthguard.h>
+#include <yaml-cpp/eventhandler.h>
 #include <yaml-cpp/yaml.h>
 
 #include <charconv>
 #include <limits>
 #include <optional>
 #include <set>
+#include <sstream>
 #include <string_view>
 #include <utility>
 #include <vector>
@@ -29,6 +32,33 @@ constexpr int max_depth = 100;
 /// Aliases can blow up a short text.
 constexpr std::size_t max_content_bytes = std::size_t{1} << 28;
 
+/// Integers whose limits are narrower than those of their type. The server refuses what is beyond them by the same numbers.
+struct IntegerLimits {
+  std::string_view field;
+  std::uint32_t least, most;
+};
+constexpr IntegerLimits integer_limits[] = {
+    {"deform.v1.Grow.rings", 1, 1000},
+    {"deform.v1.RbfMethod.polynomial_degree", 0, 2},
+    {"deform.v1.RbfMethod.reduction_rings", 1, 100},
+    {"deform.v1.SubspaceMethod.centres", 4, 100000},
+    {"deform.v1.MlsMethod.surface_samples", 0, 1000000},
+    {"deform.v1.MlsMethod.volume_samples", 0, 1000000},
+    {"deform.v1.CageMethod.Generate.points", 8, 10000},
+    {"deform.v1.Constraint.Rigid.layers", 0, 1000},
+    {"deform.v1.ConstraintOptions.iterations", 1, 1000000},
+    {"deform.v1.Sector.count", 2, 10000},
+};
+
+/// "4 to 1000".
+std::string limits_text(const FieldDescriptor& field) {
+  if (field.full_name() == "deform.v1.Lattice.points") return "4 to 1000, with basis BERNSTEIN from 2 to 16";
+  for (const IntegerLimits& limits : integer_limits) {
+    if (limits.field == field.full_name()) return std::to_string(limits.least) + " to " + std::to_string(limits.most);
+  }
+  return "0 to " + std::to_string(std::numeric_limits<std::uint32_t>::max());
+}
+
 std::string shown(const YAML::Node& node) {
   if (node.IsNull()) return "nothing";
   if (node.IsMap()) return "a map";
@@ -36,6 +66,43 @@ std::string shown(const YAML::Node& node) {
   constexpr std::size_t most = 40;
   const std::string text = node.Scalar().substr(0, most);
   return "\"" + text + (node.Scalar().size() > most ? "..." : "") + "\"";
+}
+
+/// Remembers where maps and lists are first nested deeper than max_depth.
+class DepthFinder : public YAML::EventHandler {
+ public:
+  const YAML::Mark& mark() const { return mark_; }
+
+  void OnDocumentStart(const YAML::Mark&) override {}
+  void OnDocumentEnd() override {}
+  void OnNull(const YAML::Mark&, YAML::anchor_t) override {}
+  void OnAlias(const YAML::Mark&, YAML::anchor_t) override {}
+  void OnScalar(const YAML::Mark&, const std::string&, YAML::anchor_t, const std::string&) override {}
+  void OnSequenceStart(const YAML::Mark& mark, const std::string&, YAML::anchor_t, YAML::EmitterStyle::value) override {
+    begin(mark);
+  }
+  void OnSequenceEnd() override { --depth_; }
+  void OnMapStart(const YAML::Mark& mark, const std::string&, YAML::anchor_t, YAML::EmitterStyle::value) override { begin(mark); }
+  void OnMapEnd() override { --depth_; }
+
+ private:
+  void begin(const YAML::Mark& mark) {
+    if (++depth_ == max_depth + 1 && mark_.is_null()) mark_ = mark;
+  }
+
+  int depth_ = 0;
+  YAML::Mark mark_ = YAML::Mark::null_mark();
+};
+
+/// The mark of the exception is that of what the parser has read, which is far ahead.
+YAML::Mark too_deep(const std::string& text) {
+  DepthFinder finder;
+  std::istringstream in(text);
+  try {
+    YAML::Parser(in).HandleNextDocument(finder);
+  } catch (const YAML::Exception&) {  // behind it
+  }
+  return finder.mark();
 }
 
 class Walker {
@@ -103,6 +170,7 @@ class Walker {
       const std::string key = entry.first.IsScalar() ? entry.first.Scalar() : std::string();
       if (key != "file" && key != "set") refuse(entry.first, path, "expected a list, or a map of file, set");
       if (!entry.second.IsScalar() || entry.second.Scalar().empty()) refuse(entry.first, path + "." + key, "expected a text");
+      if (!(key == "file" ? file : set).empty()) refuse(entry.first, path, "the key \"" + key + "\" stands there twice");
       (key == "file" ? file : set) = entry.second.Scalar();
     }
     if (file.empty()) refuse(node, path, "expected a list, or a map of file, set");
@@ -268,7 +336,7 @@ class Walker {
       case FieldDescriptor::CPPTYPE_DOUBLE:
         return "a finite number";
       case FieldDescriptor::CPPTYPE_UINT32:
-        return "an integer from 0 to " + std::to_string(std::numeric_limits<std::uint32_t>::max());
+        return "an integer from " + limits_text(field);
       case FieldDescriptor::CPPTYPE_UINT64:
         return "an integer from 0 to " + std::to_string(std::numeric_limits<std::uint64_t>::max());
       default:
@@ -328,6 +396,11 @@ void parse_yaml(const std::string& text, const std::string& name, Message& messa
   YAML::Node root;
   try {
     root = YAML::Load(text);
+  } catch (const YAML::DeepRecursion&) {  // the parser's own limit, which is above ours
+    const YAML::Mark mark = too_deep(text);
+    throw Error(ErrorCode::invalid_argument, name + ":" + std::to_string(mark.line + 1) + ": column " +
+                                                 std::to_string(mark.column + 1) + ": nested deeper than " +
+                                                 std::to_string(max_depth));
   } catch (const YAML::Exception& error) {
     throw Error(ErrorCode::invalid_argument, name + ":" + std::to_string(error.mark.line + 1) + ": " + error.msg);
   }

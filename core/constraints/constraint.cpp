@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "core/base/checks.h"
+#include "core/base/direction.h"
 #include "core/base/error.h"
 #include "core/base/vectors.h"
 #include "core/constraints/circle.h"
@@ -113,9 +114,8 @@ void check_units(const UnitMap& units) {
 }
 
 Vec3 direction(const Vec3& v, const std::string& field) {
-  const double length = norm(v);
-  if (!std::isnormal(length)) refuse(field, "must be finite and not zero");
-  return v / length;
+  if (const char* problem = direction_problem(v)) refuse(field, std::string("it ") + problem);
+  return v / norm(v);
 }
 
 Vec3 to_unit(const Vec3& point, const UnitMap& units, const std::string& field) {

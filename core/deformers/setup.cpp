@@ -8,6 +8,7 @@
 #include <variant>
 
 #include "core/base/bounds.h"
+#include "core/base/direction.h"
 #include "core/base/error.h"
 #include "core/base/number_text.h"
 #include "core/base/vectors.h"
@@ -25,8 +26,6 @@ double default_cover(const std::optional<Kernel>& kernel) { return kernel && pro
 namespace {
 
 constexpr double most_constraint_weight = 1e10;
-
-bool is_zero(const Vec3& v) { return v[0] == 0 && v[1] == 0 && v[2] == 0; }
 
 std::string quoted(const std::string& name) { return "\"" + name + "\""; }
 
@@ -64,19 +63,18 @@ void check_motion(const VariableMotion& motion, const std::string& what) {
   const auto check = [&](const Vec3& v, const char* part) {
     if (!is_finite(v)) refuse_argument(what + ": " + part + " must be finite");
   };
-  const auto check_nonzero = [&](const Vec3& v, const char* part) {
-    check(v, part);
-    if (is_zero(v) || !std::isnormal(norm(v))) refuse_argument(what + ": " + part + " must not be zero");
+  const auto check_direction = [&](const Vec3& v, const char* part) {
+    if (const char* problem = direction_problem(v)) refuse_argument(what + ": " + part + " " + problem);
   };
   if (const auto* t = std::get_if<DesignVariable::Translate>(&motion)) {
-    check_nonzero(t->direction, "translate");
+    check_direction(t->direction, "translate");
   } else if (const auto* r = std::get_if<DesignVariable::Rotate>(&motion)) {
-    check_nonzero(r->axis, "rotate.axis");
+    check_direction(r->axis, "rotate.axis");
     check(r->centre, "rotate.centre");
   } else {
     const auto& s = std::get<DesignVariable::Scale>(motion);
     check(s.centre, "scale.centre");
-    check(s.axis, "scale.axis");
+    if (s.axis != Vec3{}) check_direction(s.axis, "scale.axis");
   }
 }
 

@@ -103,7 +103,10 @@ void find_problems(const Mesh& mesh, const Setup& setup, Problems& problems, con
   const SelectedRegions regions = validate(setup, mesh, problems, context);
   if (problems.empty()) check_sliding(mesh, setup, regions, problems);
   const Box box = bounding_box(mesh.points);
-  check_constraint_sets(mesh, setup, regions, {box.min, std::max(box.diagonal(), std::numeric_limits<double>::min())}, problems);
+  if (!is_composed(setup)) {  // which takes none, so that none of their points are selected
+    check_constraint_sets(mesh, setup, regions, {box.min, std::max(box.diagonal(), std::numeric_limits<double>::min())},
+                          problems);
+  }
   if (problems.empty()) problems.check("", [&] { estimate(mesh, setup, regions); });
 }
 

@@ -42,6 +42,26 @@ class ExitCodes(EndToEnd):
         with open(self.path(name), "rb") as file:
             return file.read()
 
+    def test_limits_of_integers_are_those_of_the_server(self):
+        """A setup file cannot say -1; its message has the numbers of the message about one more than the limit."""
+        planar = "constraints: [{name: c, planar: {}, regions: [{group: base}]}]\n"
+        for entry, least, most in (("method: {subspace: {centres: N}}", 4, 100000), ("method: {mls: {surface_samples: N}}", 0, 1000000),
+                                   ("method: {mls: {volume_samples: N}}", 0, 1000000),
+                                   ("method: {rbf: {reduction: REDUCTION_RINGS, reduction_rings: N}}", 1, 100),
+                                   ("method: {rbf: {polynomial_degree: N}}", 0, 2), ("method: {ffd: {lattice: {points: [4, N, 4]}}}", 4, 1000),
+                                   ("method: {cage: {control: MESH, generate: {kind: WRAP, points: N}}}", 8, 10000),
+                                   ("symmetry: [{sector: {axis: [0, 0, 1], count: N}}]", 2, 10000),
+                                   ("fixed: [{grow: {region: {group: base}, rings: N}}]", 1, 1000),
+                                   ("constraints: [{name: c, rigid: {layers: N}, regions: [{group: base}]}]", 0, 1000),
+                                   (planar + "constraint_options: {iterations: N}", 1, 1000000)):
+            method = "" if entry.startswith("method") else "method: {shell: {}}\n"
+            text = "geometry: ahmed.obj\nhandles: [{name: h, region: {group: slant}}]\n" + method + entry + "\n"
+            with self.subTest(entry=entry):
+                self.write("integer.yaml", text.replace("N}", "-1}").replace("N,", "-1,"))
+                self.fails(1, "prepare", "integer.yaml", "--check", says=[f"expected an integer from {least} to {most}", '"-1"'])
+                self.write("integer.yaml", text.replace("N}", f"{most + 1}}}").replace("N,", f"{most + 1},"))
+                self.fails(1, "prepare", "integer.yaml", "--check", says=["out of range", str(most)])
+
     def test_each_kind_of_failure_has_its_code(self):
         apply = ["apply", "setup.yaml", "-o", "x.obj", "--set"]
         self.deform(*apply, "roof_up=0.01")

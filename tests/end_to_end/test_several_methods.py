@@ -102,6 +102,9 @@ class SeveralMethods(EndToEnd):
             with self.subTest(says=says):
                 self.write("bad.yaml", BOTH.replace(*change))
                 self.fails(1, "prepare", "bad.yaml", says=says)
+                checked = self.deform("prepare", "bad.yaml", "--check", expect=1)
+                for part in says:
+                    self.assertIn(part, checked.out + checked.err)
         self.fails(1, "regions", "setup.yaml", "--then", "1", "-o", "a.ply", says=["--then 1", "1 further method"])
         self.fails(1, "lattice", "setup.yaml", "--then", "0", "-o", "a.vtp", says=["only method.ffd has a lattice"])
         for command in (["compile", "setup.yaml", "-o", "a.dfm"],

@@ -71,6 +71,24 @@ TEST_F(EngineProblems, RegionsOfControlPointsAreNotJudgedWithoutTheirLattice) {
   EXPECT_THAT(fields(setup), testing::ElementsAre("method"));
 }
 
+/// A server must survive it.
+TEST_F(EngineProblems, ConstraintsBesideFurtherMethodsAreToldAsPrepareSaysThem) {
+  v1::Setup setup = sheet_setup(register_mesh(sheet_mesh(30, 10)).id());
+  auto* stage = setup.add_then();
+  stage->mutable_method()->mutable_rbf();
+  *stage->add_handles() = setup.handles(0);
+  stage->mutable_handles(0)->set_name("again");
+  EXPECT_THAT(fields(setup), testing::IsEmpty());
+  auto* flat = setup.add_constraints();
+  flat->set_name("flat");
+  flat->mutable_planar();
+  flat->add_regions()->set_all(true);
+  const v1::EstimateReply reply = estimate(setup);
+  ASSERT_EQ(reply.problems_size(), 1);
+  EXPECT_EQ(reply.problems(0).field(), "constraints");
+  test::expect_error(ErrorCode::invalid_argument, {reply.problems(0).message().c_str()}, [&] { prepare(setup); });
+}
+
 TEST_F(EngineProblems, AGeometryIsNeeded) {
   v1::Setup setup = sheet_setup("");
   setup.add_handles();

@@ -140,7 +140,8 @@ constexpr char quality_footer[] =
     R"(OpenFOAM meshes get the measures of its checkMesh, by the same formulas; elements the scaled Jacobian
 (Knupp 2000; of quadratic elements that of their quadratic map at all nodes), also those of each type alone.
 Inverted means the same as in `deform apply`: elements with a determinant that is not positive at a corner or a node, cells
-whose volume or a pyramid is not positive; the checks of checkMesh that fail are named with their counts.
+whose volume or a pyramid is not positive. All of them count here; inverted_cells and least_determinant of `deform apply`
+leave out those that were inverted at rest (inverted_at_rest). The checks of checkMesh that fail are named with their counts.
 Surfaces: twice the radius of the inscribed over that of the circumscribed circle of faces (1: regular), angles at corners,
 discrete mean curvature (cotangent weights, inside the surface), with --before the faces that turned by more than 90 degrees
 against their surroundings: a part that turns as a whole has none. Triangles and quads in a plane z = constant (2D) also as

@@ -4,8 +4,10 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <sstream>
 
+#include "core/base/direction.h"
 #include "core/base/error.h"
 #include "core/base/number_text.h"
 #include "core/base/vectors.h"
@@ -49,9 +51,8 @@ struct Symmetry::Found {
 void Symmetry::find(const SymmetryPlane& plane, std::size_t index, const Mesh& mesh, const Box& box, Found& found) {
   if (const auto* given = std::get_if<SymmetryPlane::Plane>(&plane.kind)) {
     if (!is_finite(given->point)) throw Error(ErrorCode::invalid_argument, field(index) + ".point: must be finite");
-    const double length = norm(given->normal);
-    if (!std::isnormal(length)) {
-      throw Error(ErrorCode::invalid_argument, field(index) + ".normal: must be finite and not zero");
+    if (const char* problem = direction_problem(given->normal)) {
+      throw Error(ErrorCode::invalid_argument, field(index) + ".normal: it " + problem);
     }
     found.point = given->point;
     found.normal = normalized(given->normal);
@@ -203,8 +204,8 @@ Symmetry Symmetry::for_points(std::span<const Vec3> points) const {
 
 void Symmetry::set_sector(const SectorOptions& options, const Mesh& mesh, double diagonal, const std::string& what) {
   if (!is_finite(options.origin)) throw Error(ErrorCode::invalid_argument, what + ".origin: must be finite");
-  if (!is_finite(options.axis) || !std::isnormal(norm(options.axis))) {
-    throw Error(ErrorCode::invalid_argument, what + ".axis: must be finite and not zero");
+  if (const char* problem = direction_problem(options.axis)) {
+    throw Error(ErrorCode::invalid_argument, what + ".axis: it " + problem);
   }
   axes_[0] = normalized(options.axis);
   axes_[1] = across(axes_[0]);
@@ -212,7 +213,18 @@ void Symmetry::set_sector(const SectorOptions& options, const Mesh& mesh, double
   anchors_.fill(options.origin);
   std::vector<Vec3> places;
   places.reserve(mesh.point_count());
-  for (const Vec3& x : mesh.points) places.push_back(coordinates(x));
+  double farthest = 0;
+  for (const Vec3& x : mesh.points) {
+    places.push_back(coordinates(x));
+    farthest = std::max(farthest, norm(places.back()));
+  }
+  // Where the rounding of a place is as large as the distance within which points are partners.
+  if (diagonal > 0 && !(farthest * std::numeric_limits<double>::epsilon() <= Sector::tolerance * diagonal)) {
+    throw Error(ErrorCode::invalid_argument,
+                what + ".origin: is " + number_digits(farthest / diagonal) +
+                    " diagonals of the bounding box from the mesh, too far to tell its points apart; "
+                    "give a point of the axis beside the mesh");
+  }
   sector_ = Sector(options, mesh, places, diagonal, what);
 }
 

@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "core/base/direction.h"
 #include "core/base/error.h"
 #include "core/base/number_text.h"
 #include "core/base/vectors.h"
@@ -80,9 +81,8 @@ MirrorFrame::MirrorFrame(std::span<const CagePlane> planes, const Mesh& mesh) : 
   if (planes_ > 3) refuse_plane(3, "there are at most 3 that are orthogonal to each other");
   for (std::size_t k = 0; k < planes_; ++k) {
     if (!is_finite(planes[k].point)) refuse_plane(k, "its point must be finite");
-    const double size = norm(planes[k].normal);
-    if (!std::isnormal(size)) refuse_plane(k, "its normal must be finite and not zero");
-    Vec3 axis = planes[k].normal / size;
+    if (const char* problem = direction_problem(planes[k].normal)) refuse_plane(k, std::string("its normal ") + problem);
+    Vec3 axis = planes[k].normal / norm(planes[k].normal);
     for (std::size_t j = 0; j < k; ++j) {
       const double cosine = dot(axis, axes_[j]);
       if (std::abs(cosine) > orthogonality) {

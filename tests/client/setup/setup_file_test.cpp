@@ -9,6 +9,7 @@
 #include <fstream>
 
 #include "client/cli/output/result_json.h"
+#include "client/setup/id_files.h"
 #include "tests/support/expect_error.h"
 
 namespace deform {
@@ -113,6 +114,9 @@ TEST(SetupFile, NamesLineAndReason) {
       {"constraints: [{exact: 1}]\n", {"constraints[0].exact: expected true or false"}},
       {"constraint_options: {tolerence: 1}\n", {"\"tolerence\"", "\"tolerance\""}},
       {"constraint_options: {iterations: 1e3}\n", {"constraint_options.iterations: expected an integer"}},
+      {"symmetry: [{sector: {count: -4}}]\n", {"symmetry[0].sector.count: expected an integer from 2 to 10000, got \"-4\""}},
+      {"method: {ffd: {lattice: {points: [4, -4, 4]}}}\n",
+       {"points[1]: expected an integer from 4 to 1000, with basis BERNSTEIN from 2 to 16"}},
       {"seed: -1\n", {"seed", "18446744073709551615"}},
       {"handles: [\n", {"car.yaml:"}},
       {"a: b: c\n", {"car.yaml:1"}},
@@ -131,6 +135,16 @@ TEST(SetupFile, DeepNestingIsRefused) {
   text += "{all: true}";
   for (int k = 0; k < 200; ++k) text += "}";
   expect_error(ErrorCode::invalid_argument, {"car.yaml", "deep"}, [&] { parse(text + "]\n"); });
+}
+
+/// The parser of YAML has a limit of its own and says "bad file" there.
+TEST(SetupFile, DeeperNestingIsToldWithItsPlace) {
+  std::string text = "geometry: a\nfixed: [";
+  for (int k = 0; k < 600; ++k) text += "{complement: ";
+  text += "{all: true}" + std::string(600, '}') + "]\n";
+  // The map, the list and 98 complements are a depth of 100.
+  const std::string place = "car.yaml:2: column " + std::to_string(8 + 98 * 13 + 1) + ": nested deeper than 100";
+  expect_error(ErrorCode::invalid_argument, {place.c_str()}, [&] { parse(text); });
 }
 
 /// A folder with a mesh of sides 1, 2 and 4.
@@ -177,6 +191,16 @@ TEST_F(SetupWithLengths, SaysWhenThereIsNoMeshToMeasure) {
   refused("seed: 2*3\ngeometry: box.obj\n", {"seed: expected an integer"});
   refused("variables: [{upper: \"23\"}]\ngeometry: box.obj\n", {"the text \"23\""});
   refused("variables: [{upper: \"2*D\"}]\ngeometry: box.obj\n", {"the text \"2*D\"", "there is no name \"D\""});
+}
+
+TEST_F(SetupWithLengths, SetsOfOneNameAreRefused) {
+  write("ids.json", R"({"bore": [1, 2], "rim": [{"bore": 1, "bore": 2}], "bore": [3]})");
+  write("other.json", R"({"bore": [1, 2], "rim": {"bore": [4], "rim": [5]}})");
+  client::IdFiles files(folder_);
+  for (const char* set : {"bore", "rim"}) {
+    expect_error(ErrorCode::invalid_argument, {"ids.json", "two sets \"bore\""}, [&] { files.ids("ids.json", set); });
+  }
+  EXPECT_EQ(files.ids("other.json", "bore"), (std::vector<PointId>{1, 2}));
 }
 
 TEST(SetupFile, TellsIdsFromFiles) {

@@ -122,7 +122,7 @@ TEST(Constraint, RefusesBadInput) {
   Points broken = x;
   broken[7][1] = std::nan("");
   refused(Planar{}, {broken}, {"constraints[1].regions[0].points[7]", "coordinate y", "finite"});
-  refused(FixedPlane{{0, 0, 0}, {0, 0, 0}}, {x}, {"constraints[1].normal", "not zero"});
+  refused(FixedPlane{{0, 0, 0}, {0, 0, 0}}, {x}, {"constraints[1].normal", "must not be zero"});
   refused(FixedPlane{{0, INFINITY, 0}, {0, 0, 1}}, {x}, {"constraints[1].point", "finite"});
   refused(Symmetric{{}, 0.5}, {x}, {"constraints[1].tolerance", "0.1"});
   refused(Distance{Bound::equal, 0.0}, {x, grid(1)}, {"constraints[1].value", "above 0"});

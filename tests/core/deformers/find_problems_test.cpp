@@ -117,6 +117,23 @@ TEST(FindProblems, FindsVariablesThatLeadOutOfSymmetryPlanes) {
   EXPECT_THAT(found_in(setup)[0].message, HasSubstr("control point 24 "));
 }
 
+/// No points of constraints are selected then, so that nothing can be said about their shapes.
+TEST(FindProblems, ConstraintsBesideFurtherMethodsAreRefusedAsAWhole) {
+  deform::Setup setup = good();
+  setup.variables.clear();
+  setup.then.push_back({ShellOptions{}, {}});
+  setup.handles.push_back({"middle", box({0.8, -1, -1}, {1.2, 2, 1}), 1});
+  for (const MethodOptions& method : {MethodOptions{MlsOptions{}}, MethodOptions{RbfOptions{}}}) {
+    setup.method = method;
+    const std::vector<Problem> found = found_in(setup);
+    ASSERT_THAT(fields(found), ElementsAre("constraints"));
+    test::expect_error(ErrorCode::invalid_argument, {found[0].message.c_str()},
+                       [&] { prepare(std::make_shared<const Mesh>(test::bumpy_sheet(21, 11)), setup); });
+  }
+  setup.fixed.push_back(nowhere);
+  EXPECT_THAT(fields(found_in(setup)), ElementsAre("constraints", "fixed[1]"));
+}
+
 TEST(FindProblems, LeavesOutWhatIsKnownAlready) {
   deform::Setup setup = good();
   setup.fixed.push_back(nowhere);

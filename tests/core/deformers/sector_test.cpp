@@ -343,7 +343,7 @@ SectorOptions& sector_of(SectorModel& model) { return std::get<SectorOptions>(mo
 TEST(Sector, RefusesWhatCannotBe) {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   const std::vector<Refusal> table = {
-      {"no axis", [](SectorModel& m) { sector_of(m).axis = {}; }, {"symmetry[0].sector.axis", "not zero"}},
+      {"no axis", [](SectorModel& m) { sector_of(m).axis = {}; }, {"symmetry[0].sector.axis", "must not be zero"}},
       {"axis not finite", [&](SectorModel& m) { sector_of(m).axis[1] = nan; }, {"symmetry[0].sector.axis", "finite"}},
       {"origin", [&](SectorModel& m) { sector_of(m).origin[2] = nan; }, {"symmetry[0].sector.origin", "finite"}},
       {"one sector",

@@ -307,6 +307,39 @@ TEST(Setup, HandlesThatAVariableAlsoMovesAreRefusedByName) {
                      [&] { validate(setup, test::bumpy_sheet(21, 11)); });
 }
 
+TEST(Setup, ShortAndLongDirectionsAreNotCalledZero) {
+  const auto refused = [](const VariableMotion& motion, const char* says) {
+    deform::Setup setup = good();
+    setup.variables[0].kind = motion;
+    test::expect_error(ErrorCode::invalid_argument, {says}, [&] { validate(setup, test::bumpy_sheet(21, 11)); });
+  };
+  refused(DesignVariable::Rotate{{0, 0, 1e-320}, {}}, "rotate.axis is too short");
+  refused(DesignVariable::Scale{{}, {0, 1e-320, 0}}, "scale.axis is too short");
+  refused(DesignVariable::Translate{{1.7e308, 1.7e308, 0}}, "translate is too long");
+  refused(DesignVariable::Translate{{0, -0.0, 0}}, "translate must not be zero");
+  deform::Setup setup = good();
+  setup.symmetry = {{SymmetryPlane::Plane{{0, 0, 0}, {0, 1e-320, 0}}}};
+  test::expect_error(ErrorCode::invalid_argument, {"symmetry[0].normal: it is too short"},
+                     [&] { validate(setup, test::bumpy_sheet(21, 11)); });
+}
+
+/// Seen from there, all points are at one place, and preparing fails.
+TEST(Setup, AnAxisOfSectorsIsNotTooFarAway) {
+  deform::Setup setup = good();
+  SectorOptions sector;
+  sector.axis = {0, 0, 1};
+  sector.count = 4;
+  for (const double away : {1e300, 1e11}) {
+    sector.origin = {away, 0, 0};
+    setup.symmetry = {{sector}};
+    test::expect_error(ErrorCode::invalid_argument, {"symmetry[0].sector.origin", "too far"},
+                       [&] { validate(setup, test::bumpy_sheet(21, 11)); });
+  }
+  sector.origin = {1e5, 0, 0};
+  setup.symmetry = {{sector}};
+  EXPECT_NO_THROW(validate(setup, test::bumpy_sheet(21, 11)));
+}
+
 TEST(Setup, ValuesBesideABoundMoveHandlesAsTheBoundDoes) {
   deform::Setup setup = good();
   setup.variables[2].lower = -0.1;

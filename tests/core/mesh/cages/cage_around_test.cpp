@@ -284,7 +284,7 @@ TEST(CageAround, RefusesPlanesThatCannotBe) {
   refused({x}, {"planes", "box", "lowest"}, CageKind::box);
   refused({x, y, z, x}, {"planes[3]", "at most 3"});
   refused({x, {{}, {0.01, 1, 0}}}, {"planes[1]", "not orthogonal to planes[0]", "0.0099"});
-  refused({{{}, {0, 0, 0}}}, {"planes[0]", "not zero"});
+  refused({{{}, {0, 0, 0}}}, {"planes[0]", "must not be zero"});
   refused({{{NAN, 0, 0}, {0, 0, 1}}}, {"planes[0]", "finite"});
 }
 
