@@ -10,7 +10,7 @@
 #include "core/deformers/methods.h"
 #include "core/deformers/setup_hints.h"
 #include "core/deformers/unheld_bodies.h"
-#include "core/mesh/stray_points.h"
+#include "core/mesh/model_size.h"
 #include "proto/convert/base/fields.h"
 
 namespace deform::convert {
@@ -85,7 +85,7 @@ void add_handles(google::protobuf::RepeatedPtrField<v1::HandleInfo>& to, const S
 
 void add_setup_notes(google::protobuf::RepeatedPtrField<std::string>& to, const Setup& setup, const Mesh& mesh,
                      const SelectedRegions& regions) {
-  if (std::string note = stray_points_warning(mesh.points); !note.empty()) *to.Add() = "Stray points: " + note + ".";
+  if (const ModelSize size = model_size(mesh.points); !size.stray.empty()) *to.Add() = "Stray points: " + size.stray + ".";
   if (std::string note = unheld_bodies_note(mesh, regions); !note.empty()) *to.Add() = std::move(note);
   if (setup.fixed.empty() && !selects_controls(setup)) *to.Add() = "Nothing is fixed, so everything that is no handle may move.";
   for (std::size_t s = 1; s <= setup.then.size(); ++s) {

@@ -41,7 +41,7 @@ std::string least_squares_advice(const SolutionFacts& facts, double relative_err
   const std::string other =
       enough < least_tolerance ? "take " : "take " + three_digits(std::floor(enough / unit) * unit) + " or ";
   return ": the tolerance " + three_digits(tolerance) +
-         " of INCREMENTAL_QR is at handle and fixed points, and errors between them " + "are larger; " + other +
+         " of INCREMENTAL_QR is at handle and fixed points, and errors between them are larger; " + other +
          "solver SOLVER_AUTOMATIC";
 }
 
@@ -133,7 +133,7 @@ void judge_motion(const SolutionFacts& facts, const v1::DesignResult& result, st
     found.emplace_back(facts.misfit > bad_misfit * prescribed ? v1::VERDICT_BAD : v1::VERDICT_DOUBTFUL,
                        "handle and fixed points are missed by up to " + three_digits(facts.misfit) + ", " +
                            three_digits(facts.misfit / prescribed) +
-                           " of the largest prescribed displacement: take more control " + "points or a smaller `clamp`");
+                           " of the largest prescribed displacement: take more control points or a smaller `clamp`");
   }
 }
 

@@ -34,7 +34,7 @@ MethodFacts method_facts(const v1::Setup& setup);
 
 /// The facts on which a verdict depends besides the result of a design.
 struct SolutionFacts {
-  double diagonal = 0;         ///< diagonal of the bounding box at rest, model units
+  double diagonal = 0;         ///< ModelSize::judged_by: of the bounding box at rest, model units
   double condition = 0;        ///< condition number of the factored matrix; 0 = not estimated
   bool converged = true;       ///< DesignReport::converged
   std::size_t torn_edges = 0;  ///< DesignReport::torn_edges

@@ -295,7 +295,7 @@ void DeformCall::push_results(std::size_t step, WholeDesigns* whole) {
     if (bound_->values == DeformTask::Values::positions) {
       result.set_points_across_symmetry(progress_[d].crossings.points);
       convert::set_verdict(
-          {info.diagonal(), info.condition(), report.converged, report.torn_edges, report.misfit,
+          {bound_->system->size().judged_by, info.condition(), report.converged, report.torn_edges, report.misfit,
            convert::method_facts(info.setup()), bound_->doubts.empty() ? std::vector<std::string>() : bound_->doubts[design]},
           result);
     }

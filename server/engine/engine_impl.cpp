@@ -393,7 +393,7 @@ std::shared_ptr<DeformJob> EngineImpl::deform(v1::DeformRequest request, std::ui
       doubts.clear();
       for (const Design& design : designs) {
         doubts.push_back(handle_shape_doubts(system.setup, design));
-        if (const std::string& stray = system.stray_points(); !stray.empty()) doubts.back().push_back(stray);
+        if (const std::string& stray = system.size().stray; !stray.empty()) doubts.back().push_back(stray);
       }
       return evaluation;
     };

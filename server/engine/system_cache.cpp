@@ -3,13 +3,11 @@
 
 #include <chrono>
 
-#include "core/mesh/stray_points.h"
-
 namespace deform::server {
 
-const std::string& ResidentSystem::stray_points() const {
-  std::call_once(looked_for_stray_points_, [this] { stray_points_ = stray_points_warning(mesh->points); });
-  return stray_points_;
+const ModelSize& ResidentSystem::size() const {
+  std::call_once(measured_, [this] { size_ = model_size(mesh->points); });
+  return size_;
 }
 
 SystemCache::Ticket& SystemCache::Ticket::operator=(Ticket&& other) noexcept {

@@ -19,6 +19,7 @@
 #include "core/base/run_context.h"
 #include "core/deformers/symmetry_sides.h"
 #include "core/deformers/system.h"
+#include "core/mesh/model_size.h"
 #include "deform/v1/deformation.pb.h"
 #include "server/engine/design_checks.h"
 #include "server/engine/memory.h"
@@ -48,15 +49,15 @@ struct ResidentSystem {
   FaceCheckCache<FlipCheck> flip_check;
   FaceCheckCache<IntersectionCheck> intersection_check;
 
-  /// stray_points_warning() of its mesh, asked once. Thread-safe.
-  const std::string& stray_points() const;
+  /// model_size() of its mesh, asked once. Thread-safe.
+  const ModelSize& size() const;
   std::size_t bytes() const { return system->bytes() + setup_bytes; }
   /// The cost of one design for Scheduler::start(), in points.
   double design_work() const { return static_cast<double>(Scheduler::least_cost + mesh->point_count()); }
 
  private:
-  mutable std::once_flag looked_for_stray_points_;
-  mutable std::string stray_points_;  // once looked for
+  mutable std::once_flag measured_;
+  mutable ModelSize size_;  // once measured
 };
 
 /// Prepared systems by the key of tenant and id (store/tenant.h), bounded by bytes.

@@ -270,12 +270,16 @@ class Held(Attack):
         calls = [getattr(stubs[i % 10], method).future(requests(), timeout=30) for i in range(count)]
         time.sleep(3)
         waiting = sum(not call.done() for call in calls)
+        self.check_what_is_held()
+        release.set()
+        return waiting, [call.exception(timeout=40).code() for call in calls]
+
+    def check_what_is_held(self):
+        """It is charged, and leaves room for designs and small meshes."""
         self.assertEqual(self.figure("deformd_memory_full"), 0, "what is held leaves room for designs")
         held = self.figure("deformd_memory_charged_bytes") + self.figure("deformd_requests_held_bytes")
         self.assertLess(resident(self.server.process.pid), self.before + held + 96 * MIB, "what is held is charged")
         until_answered(lambda: self.service.RegisterGeometry(self.plate.messages(), timeout=10))
-        release.set()
-        return waiting, [call.exception(timeout=40).code() for call in calls]
 
     def test_cotangents_that_never_end(self):
         points = 24 * 18
@@ -299,6 +303,26 @@ class Held(Attack):
             *[geometry_pb2.RegisterGeometryRequest(points=dict(xyz=bytes(40_000 * 24)))] * 10])
         self.assertGreater(waiting, 0)
         self.assertEqual(set(codes), {grpc.StatusCode.RESOURCE_EXHAUSTED, grpc.StatusCode.INVALID_ARGUMENT})
+
+    def test_streams_that_say_nothing_more(self):
+        """300 that cancel a request that is not there, with 0.9 MB of it, which is ignored, and stay open."""
+        message = deformation_pb2.DeformStreamRequest(request_id=1, cancel=True)
+        message.request.designs.add(variables=[0.5] * 115_000)
+        release = threading.Event()
+        self.addCleanup(release.set)
+
+        def requests():
+            yield message
+            release.wait(30)
+
+        stubs = [self.stub() for _ in range(10)]
+        calls = [stubs[i % 10].DeformStream(requests(), timeout=30) for i in range(300)]
+        time.sleep(3)
+        self.assertTrue(all(call.is_active() for call in calls))
+        self.check_what_is_held()
+        release.set()
+        for call in calls:
+            self.assertEqual(list(call), [])
 
     def test_designs_that_nobody_reads(self):
         """Populations whose replies wait; the reader takes the first and no more."""

@@ -29,8 +29,11 @@ class Flow(EndToEnd):
         self.assertIn(said, self.deform("inspect", "ahmed.obj", "--json").json["warning"])
         notes = self.deform("prepare", "setup.yaml", "--check", "--json").json["notes"]
         self.assertEqual(sum(said in note for note in notes), 1, notes)
-        applied = self.deform("apply", "setup.yaml", "--set", "roof_up=0.03", "-o", "out.obj", "--check", "off", "--json").json
-        self.assertEqual(applied["report"]["verdict"], "doubtful")
+        apply = ["apply", "setup.yaml", "--set", "roof_up=0.03", "-o", "out.obj", "--check", "off"]
+        self.deform(*apply, expect=4)
+        self.assertFalse(os.path.exists(self.path("out.obj")))
+        applied = self.deform(*apply, "--keep-bad", "--json", expect=4).json
+        self.assertEqual(applied["report"]["verdict"], "bad", "errors are judged by the size of the body")
         self.assertTrue(any(said in reason for reason in applied["report"]["reasons"]), applied["report"])
 
     def test_readme_flow(self):

@@ -15,7 +15,7 @@
 #include "client/cli/output/result_json.h"
 #include "core/base/text.h"
 #include "core/mesh/elements.h"
-#include "core/mesh/stray_points.h"
+#include "core/mesh/model_size.h"
 
 namespace deform::cli {
 
@@ -43,7 +43,7 @@ nlohmann::ordered_json report_json(const MeshReport& report, const Mesh& mesh, c
   json["box_min"] = report.box.min;
   json["box_max"] = report.box.max;
   json["diagonal"] = report.box.diagonal();
-  if (const std::string stray = stray_points_warning(mesh.points); !stray.empty()) json["warning"] = stray;
+  if (const ModelSize size = model_size(mesh.points); !size.stray.empty()) json["warning"] = size.stray;
   if (const std::size_t cells = mesh.cell_count(); cells > 0) json["cells"] = cells;
   if (mesh.elements) json["elements"] = elements_by_type(*mesh.elements);
   json["components"] = report.components;
@@ -88,7 +88,7 @@ void print_report(const MeshReport& report, const Mesh& mesh, const std::string&
   if (mesh.cell_count() > 0) line("cells", cells_text(mesh));
   line("box", vector_text(report.box.min) + " to " + vector_text(report.box.max));
   line("diagonal D", number_text(report.box.diagonal()));
-  if (const std::string stray = stray_points_warning(mesh.points); !stray.empty()) line("warning", stray);
+  if (const ModelSize size = model_size(mesh.points); !size.stray.empty()) line("warning", size.stray);
   line("components", std::to_string(report.components));
   line("edges", std::to_string(report.edges));
   line("boundary edges", std::to_string(report.boundary_edges));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/mesh/stray_points.h"
+#include "core/mesh/model_size.h"
 
 #include <algorithm>
 #include <cstddef>
@@ -10,10 +10,11 @@
 
 namespace deform {
 
-std::string stray_points_warning(std::span<const Vec3> points) {
+ModelSize model_size(std::span<const Vec3> points) {
   constexpr std::size_t most = 100'000, fewest = 100;
   constexpr double far = 1e6;
-  if (points.size() < fewest) return {};
+  const double of_all = bounding_box(points).diagonal();
+  if (points.size() < fewest) return {of_all, {}};
   const std::size_t step = 1 + (points.size() - 1) / most;
   Vec3 bulk{};
   std::vector<double> values;
@@ -27,10 +28,10 @@ std::string stray_points_warning(std::span<const Vec3> points) {
     std::nth_element(low + 1, high, values.end());
     bulk[k] = *high - *low;
   }
-  const double of_most = norm(bulk), of_all = bounding_box(points).diagonal();
-  if (!(of_all > far * of_most)) return {};
-  return "most points lie within " + three_digits(of_most) + ", but the bounding box is " + three_digits(of_all) +
-         " long, and everything is computed in parts of it: remove points that have strayed";
+  const double of_most = norm(bulk);
+  if (!(of_all > far * of_most)) return {of_all, {}};
+  return {of_most, "most points lie within " + three_digits(of_most) + ", but the bounding box is " + three_digits(of_all) +
+                       " long, and everything is computed in parts of it: remove points that have strayed"};
 }
 
 }  // namespace deform
