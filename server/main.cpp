@@ -180,6 +180,7 @@ void serve(deform::server::Configuration configuration, const deform::server::Co
   log_configuration(configuration);
   spdlog::info("dense systems by the kernels of OpenBLAS for {}", deform::lapack::kernels());
   raise_open_files();
+  deform::server::limit_retained_memory(deform::server::memory_budget_of(configuration.server.engine.memory_budget));
   for (const auto& [name, value, source] : configuration.effective) {
     if (is_limit(name)) configuration.server.limits.emplace_back(name, value);
   }
@@ -209,7 +210,6 @@ std::optional<std::string> environment_variable(const std::string& name) {
 
 int main(int argc, char** argv) {
   deform::lapack::use_kernels_of_processor(argv);
-  deform::server::limit_retained_memory();
   try {
     const deform::server::CommandLine command_line{{argv + 1, argv + argc}, environment_variable};
     if (const auto code = deform::server::run_store_command(command_line, std::cout)) return *code;

@@ -53,6 +53,7 @@ std::shared_ptr<DeformCall::Bound> DeformCall::bind(const SystemCache::Handle& s
   if (bound->checker) {
     bound->plan.looks = bound->checker->only_faces() ? StepPlan::Looks::after_blocks : StepPlan::Looks::before_blocks;
   }
+  if (!bound->plan.whole()) bound->plan.spread(threads);  // whole designs are made by all workers together
   bound->output = convert::encode_options(task_.output, system->info.diagonal());
   const std::size_t solving = std::min(task_.designs, static_cast<std::size_t>(threads)) * system->system->info().design_bytes;
   bound->values = task_.values;

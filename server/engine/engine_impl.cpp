@@ -35,7 +35,7 @@ namespace {
 
 EngineOptions effective(EngineOptions options) {
   options.validate();
-  if (options.memory_budget == 0) options.memory_budget = available_memory() / 5 * 4;
+  options.memory_budget = memory_budget_of(options.memory_budget);
   if (options.cache_budget == 0) options.cache_budget = options.memory_budget / 2;
   if (options.workers == 0) options.workers = available_cores();
   return options;

@@ -157,11 +157,13 @@ bool return_freed_memory(std::size_t bytes) {
   return true;
 }
 
-void limit_retained_memory() {
+std::size_t memory_budget_of(std::size_t option) { return option != 0 ? option : available_memory() / 5 * 4; }
+
+void limit_retained_memory(std::size_t budget) {
   constexpr int largest_in_heap = 32 << 20;  // malloc() would come to this by itself, were the end of the heaps not limited
-  constexpr int kept_per_heap = 8 << 20;
+  const std::size_t kept_per_heap = std::clamp<std::size_t>(budget / 256, 8 << 20, 64 << 20);
   mallopt(M_MMAP_THRESHOLD, largest_in_heap);
-  mallopt(M_TRIM_THRESHOLD, kept_per_heap);
+  mallopt(M_TRIM_THRESHOLD, static_cast<int>(kept_per_heap));
 }
 
 std::size_t resident_set_bytes() {

@@ -103,6 +103,8 @@ class MemoryBudget {
 
 /// Bytes of memory this process may use: of the machine or, where smaller, of its cgroup (version 2 or 1).
 std::size_t available_memory();
+/// The memory budget that is meant: of 0, 80 % of available_memory().
+std::size_t memory_budget_of(std::size_t option);
 
 /// Called where so many bytes have been freed. Once 16 MiB have come together in this process, by one call or by many, the
 /// allocator gives what is free back to the system, which it otherwise keeps for later; true when it did. Any thread.
@@ -110,9 +112,9 @@ bool return_freed_memory(std::size_t bytes);
 inline constexpr std::size_t freed_bytes_worth_returning = std::size_t{16} << 20;
 
 /// Sets the allocator of this process so that what is freed can be given back. malloc_trim() leaves the free end of every
-/// thread's heap as it is, which malloc() on its own lets grow to 64 MiB; 8 MiB of each may stay here. Less would cost designs
-/// their time, which need the same memory again and again. Before the first thread.
-void limit_retained_memory();
+/// thread's heap as it is, which malloc() on its own lets grow to 64 MiB; a 256th of the memory budget may stay of each, from 8
+/// to 64 MiB. Less would cost designs their time, which need the same memory again and again. Before threads allocate.
+void limit_retained_memory(std::size_t budget);
 
 /// Bytes of memory this process occupies now.
 std::size_t resident_set_bytes();

@@ -3,6 +3,11 @@
 
 namespace deform::server {
 
+void StepPlan::spread(int workers) {
+  const std::size_t wanted = (2 * static_cast<std::size_t>(workers) + blocks() - 1) / blocks();
+  most_designs = std::max<std::size_t>(1, std::min(most_designs, (designs + wanted - 1) / wanted));
+}
+
 std::size_t StepPlan::high_water(int workers) const {
   constexpr std::size_t smallest_buffer = 8u << 20;
   return std::max(smallest_buffer, 2 * static_cast<std::size_t>(workers) * step_bytes());

@@ -45,6 +45,9 @@ struct StepPlan {
   std::size_t point_count(std::size_t step) const { return std::min(block_points, points - first_point(step)); }
   std::size_t step_bytes() const { return group() * std::min(block_points, points) * sizeof(Vec3); }
 
+  /// Makes groups smaller where a mesh has so few blocks that workers would have nothing to do, or a reader to read, until all of
+  /// a group is done: two steps per worker, or one per design.
+  void spread(int workers);
   /// Bytes of replies and running steps at which no further step begins.
   std::size_t high_water(int workers) const;
   /// Upper bound of the bytes of points and replies that a call holds.

@@ -191,6 +191,14 @@ TEST_F(DeformCallTest, a_slow_reader_holds_no_worker_and_bounded_memory) {
   EXPECT_TRUE(eventually([&] { return memory.in_use() == 0; }));
 }
 
+TEST_F(DeformCallTest, a_lone_population_of_a_small_mesh_uses_all_workers) {
+  open(300, 256, 4);  // less than a block
+  fake().gate = std::make_shared<Gate>();
+  const auto job = begin(task(15));
+  EXPECT_TRUE(eventually([&] { return fake().gate->waiting() == 4; }));
+  fake().gate->open();
+}
+
 TEST_F(DeformCallTest, cancelling_stops_the_steps_and_wakes_the_reader) {
   open(100'000);
   fake().gate = std::make_shared<Gate>();
@@ -387,9 +395,11 @@ TEST_F(DeformCallTest, many_calls_of_many_threads) {
 }
 
 TEST(StepPlan, covers_everything_once_and_in_order) {
-  for (const std::size_t designs : {1, 15, 16, 17, 33}) {
+  for (const auto [designs, workers] : std::vector<std::pair<std::size_t, int>>{
+           {1, 0}, {15, 0}, {16, 0}, {17, 0}, {33, 0}, {1, 3}, {15, 1}, {16, 5}, {17, 100}, {33, 2}}) {
     for (const std::size_t points : {1, 499, 500, 501, 2000}) {
       StepPlan plan{points, 500, designs};
+      if (workers != 0) plan.spread(workers);
       std::vector<std::size_t> next(designs, 0);
       for (std::size_t s = 0; s < plan.steps(); ++s) {
         for (std::size_t d = plan.first_design(s); d < plan.first_design(s) + plan.design_count(s); ++d) {
@@ -398,6 +408,22 @@ TEST(StepPlan, covers_everything_once_and_in_order) {
         }
       }
       EXPECT_EQ(next, std::vector<std::size_t>(designs, points));
+    }
+  }
+}
+
+TEST(StepPlan, gives_every_worker_something_to_do) {
+  for (const int workers : {1, 2, 8, 64}) {
+    for (const std::size_t designs : {1, 4, 5, 15, 16, 40, 1000}) {
+      for (const std::size_t points : {20, 500, 1700, 6000}) {
+        StepPlan plan{points, 500, designs};
+        const std::size_t unspread = plan.steps(), blocks = plan.blocks();
+        plan.spread(workers);
+        const auto busy = static_cast<std::size_t>(workers);
+        EXPECT_GE(plan.steps(), std::min(busy, designs * blocks)) << workers << " " << designs << " " << points;
+        EXPECT_GE(plan.steps(), unspread);
+        if (unspread >= 4 * busy) EXPECT_EQ(plan.steps(), unspread) << "as few passes over the basis as before";
+      }
     }
   }
 }
