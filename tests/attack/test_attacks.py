@@ -2,6 +2,7 @@
 """Cheap requests that took servers down, each with the bounds of attack.Attack."""
 
 import concurrent.futures
+import contextlib
 import re
 import socket
 import struct
@@ -304,10 +305,8 @@ class Held(Attack):
         self.assertGreater(waiting, 0)
         self.assertEqual(set(codes), {grpc.StatusCode.RESOURCE_EXHAUSTED, grpc.StatusCode.INVALID_ARGUMENT})
 
-    def test_streams_that_say_nothing_more(self):
-        """300 that cancel a request that is not there, with 0.9 MB of it, which is ignored, and stay open."""
-        message = deformation_pb2.DeformStreamRequest(request_id=1, cancel=True)
-        message.request.designs.add(variables=[0.5] * 115_000)
+    def stay_open(self, method, message):
+        """Begins 200 streams that send this message and no more. The codes with which they end, when the client does."""
         release = threading.Event()
         self.addCleanup(release.set)
 
@@ -315,14 +314,28 @@ class Held(Attack):
             yield message
             release.wait(30)
 
-        stubs = [self.stub() for _ in range(10)]
-        calls = [stubs[i % 10].DeformStream(requests(), timeout=30) for i in range(300)]
+        channels = [self.channel() for _ in range(10)]
+        calls = [channels[i % 10].stream_stream(f"/deform.v1.DeformService/{method}")(requests(), timeout=30) for i in range(200)]
         time.sleep(3)
-        self.assertTrue(all(call.is_active() for call in calls))
+        self.assertEqual([call.details() for call in calls if not call.is_active()][:2], [])
         self.check_what_is_held()
         release.set()
         for call in calls:
-            self.assertEqual(list(call), [])
+            with contextlib.suppress(grpc.RpcError):
+                list(call)
+        return {call.code() for call in calls}
+
+    def test_streams_that_say_nothing_more(self):
+        """They cancel a request that is not there, with 0.9 MB of it, which is ignored, and stay open."""
+        message = deformation_pb2.DeformStreamRequest(request_id=1, cancel=True)
+        message.request.designs.add(variables=[0.5] * 115_000)
+        self.assertEqual(self.stay_open("DeformStream", message.SerializeToString()), {grpc.StatusCode.OK})
+
+    def test_large_setups_that_say_nothing_more(self):
+        """Their headers have 0.9 MB of a field that the server does not know."""
+        unknown = b"\xfa\x01" + b"\xa0\xf7\x36" + bytes(900_000)  # field 31, its length
+        header = deformation_pb2.PrepareLargeRequest(header=dict(setup=dict(bytes=1000)))
+        self.assertEqual(self.stay_open("PrepareLarge", header.SerializeToString() + unknown), {grpc.StatusCode.INVALID_ARGUMENT})
 
     def test_designs_that_nobody_reads(self):
         """Populations whose replies wait; the reader takes the first and no more."""
