@@ -331,6 +331,12 @@ class Flow(EndToEnd):
         self.deform("evaluate", "setup.yaml", "probes.csv", "-o", "moved.csv")
         with open(self.path("moved.csv")) as file:
             self.assertEqual(file.read(), "name;x;y;z\nq,r;0.5;0;0.3\n")
+        self.write("probes.csv", "\ufeffx,y,z\n0.5,0,0.3\n")
+        self.deform("evaluate", "setup.yaml", "probes.csv", "-o", "moved.csv")
+        with open(self.path("moved.csv")) as file:
+            self.assertEqual(file.read(), "\ufeffx,y,z\n0.5,0,0.3\n", "the byte order mark of UTF-8 stays")
+        self.write("probes.xyz", "\ufeff0.5 0 0.3\n")
+        self.deform("evaluate", "setup.yaml", "probes.xyz", "-o", "moved.xyz")
         self.write("probes.csv", "x;y;z\n0,5;0;0.3\n")
         self.fails(1, "evaluate", "setup.yaml", "probes.csv", "-o", "moved.csv", says=["probes.csv:2", '"0,5"', "with a point"])
         for decimals in ("0,5 1,5 0,3", "1 2 0,3", "0,5 1 2", "1\t2,5 3"):

@@ -438,24 +438,60 @@ def test_systems_go_to_other_processes(system):
     assert copy.id == system.id and copy._client is not system._client
 
 
+# A process of its own: what other libraries do at a fork is not looked at.
 FORKING = """
-import os, sys, deformd
-client = deformd.Client(sys.argv[1])
-client.server_info()
+import gc, os, sys, deformd
+address, before, within = sys.argv[1:]
+client = deformd.Client(address)
+if before != "made":
+    client.server_info()
+if before == "closed":
+    client.close()
 child = os.fork()
 if child == 0:
     try:
-        client.server_info()
-        os._exit(1)
-    except deformd.FailedPrecondition:
-        os._exit(7)
-sys.exit(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+        (client if within == "same" else deformd.Client(address)).server_info()
+        code = 3
+    except deformd.FailedPrecondition as error:
+        code = 7 if "os.fork()" in str(error) and "spawn" in str(error) else 8
+    if within == "ends":
+        del client
+        gc.collect()
+        sys.exit(code)
+    os._exit(code)
+code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+if before != "closed":
+    client.server_info()
+sys.exit(code)
 """
 
 
-def test_a_forked_client_is_refused(case):
-    """In a process of its own: what other libraries do at a fork is not looked at."""
-    assert subprocess.run([sys.executable, "-c", FORKING, case.server.address], timeout=60).returncode == 7
+@pytest.mark.parametrize("before, within, code", [("made", "same", 7), ("called", "same", 7), ("made", "other", 7), ("called", "other", 7),
+                                                  ("called", "ends", 7), ("closed", "other", 3), ("closed", "same", 7)])
+def test_processes_forked_beside_a_client_are_refused_and_others_connect(case, before, within, code):
+    assert subprocess.run([sys.executable, "-c", FORKING, case.server.address, before, within], timeout=60).returncode == code
+
+
+FORKED_POOL = """
+import multiprocessing, sys, deformd
+
+def evaluate(system):
+    return system([0.03, 0])
+
+if __name__ == "__main__":
+    client = deformd.Client(sys.argv[1])
+    with multiprocessing.get_context("fork").Pool(1) as pool:
+        try:
+            pool.apply_async(evaluate, (client.system(sys.argv[2]),)).get(30)
+        except deformd.FailedPrecondition:
+            sys.exit(7)
+"""
+
+
+def test_a_forked_pool_that_is_given_systems_says_why_it_cannot(case, system, tmp_path):
+    script = tmp_path / "pool.py"
+    script.write_text(FORKED_POOL)
+    assert subprocess.run([sys.executable, script, case.server.address, system.id], timeout=60).returncode == 7
 
 
 def test_release_and_delete(case, client):

@@ -138,7 +138,9 @@ ExitCode run_quality(const QualityOptions& options, const CommonOptions& common)
 
 constexpr char quality_footer[] =
     R"(OpenFOAM meshes get the measures of its checkMesh, by the same formulas; elements the scaled Jacobian
-(Knupp 2000; of quadratic elements that of their quadratic map at all nodes), also those of each type alone.
+(Knupp 2000; of quadratic elements that of their quadratic map at all nodes), also those of each type alone. It is 1
+for cubes, 0.707 for regular tetrahedra and 0.866 for equilateral triangles, which Verdict and ParaView scale to 1.
+Their aspect ratio is the longest edge over the smallest height: 1 for cubes, 1.22 for regular tetrahedra.
 Inverted means the same as in `deform apply`: elements with a determinant that is not positive at a corner or a node, cells
 whose volume or a pyramid is not positive. All of them count here; inverted_cells and least_determinant of `deform apply`
 leave out those that were inverted at rest (inverted_at_rest). The checks of checkMesh that fail are named with their counts.

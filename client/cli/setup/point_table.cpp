@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -57,12 +58,25 @@ PointTable::PointTable(const std::filesystem::path& input, const std::filesystem
   out_.open(partial_, std::ios::binary | std::ios::trunc);
   if (!out_) throw Error(ErrorCode::failed_precondition, partial_.string() + ": cannot be written");
   try {
+    pass_mark();
     if (csv_) read_header();
   } catch (...) {
     std::error_code ignored;
     std::filesystem::remove(partial_, ignored);
     throw;
   }
+}
+
+void PointTable::pass_mark() {
+  constexpr std::string_view byte_order_mark = "\xef\xbb\xbf";  // as spreadsheets write it
+  std::string begin(byte_order_mark.size(), '\0');
+  in_.read(begin.data(), static_cast<std::streamsize>(begin.size()));
+  if (in_ && begin == byte_order_mark) {
+    out_ << begin;
+    return;
+  }
+  in_.clear();
+  in_.seekg(0);
 }
 
 PointTable::~PointTable() {

@@ -54,6 +54,8 @@ class PointTable {
   };
 
   bool next_line(Line& line);
+  /// The byte order mark of UTF-8 that a file may begin with stays in the output.
+  void pass_mark();
   void read_header();
   void split(Line& line) const;
   Vec3 point_of(const Line& line) const;

@@ -8,7 +8,7 @@ from typing import Any, Callable, Dict, List, Mapping, Optional, Union
 
 import numpy as np
 
-from . import _deformd
+from . import _deformd, forks
 from .errors import FailedPrecondition, InvalidArgument
 from .geometry import Geometry
 from .meshes import mesh_from
@@ -43,8 +43,9 @@ class Client:
     context: the name of a server and its credentials that `deform context add` has kept; unless given DEFORM_CONTEXT, or where no address is
       given the one in use. Arguments and variables go before what it says.
 
-    Connects with the first call. Ctrl-C cancels a call, here and on the server. After os.fork() (multiprocessing with the method
-    "fork") the child needs a client of its own; clients, geometries and systems can be pickled, and connect anew where they arrive.
+    Connects with the first call. Ctrl-C cancels a call, here and on the server. Clients, geometries and systems can be pickled, and connect
+    anew where they arrive. Connections do not survive os.fork() (multiprocessing with the method "fork"), nor can a process connect that
+    was forked while there was a client that was not closed: calls raise FailedPrecondition.
     """
 
     def __init__(
@@ -87,10 +88,11 @@ class Client:
         self._settings = {"replicas": several, "timeout": timeout, "connect_timeout": connect_timeout, "max_attempts": max_attempts,
                           "patience": patience, "threads": threads, "encoding": encoding, "tls": encrypt, **{name: value or None for name, value in files.items()}}
         self._process = os.getpid()
-        self._connection: Optional[_deformd.Client] = _deformd.Client(
+        self._connection: Optional[_deformd.Client] = None if forks.unconnectable() else _deformd.Client(
             self.address, several, float(connect_timeout), int(max_attempts), None if patience is None else float(patience), int(threads), encoding or "", self._process,
             encrypt, files["ca"], files["cert"], files["key"], files["server_name"], files["token_file"])
         self._known_max_designs: Optional[int] = None
+        forks.watch(self)
 
     def close(self) -> None:
         """Ends the connection; further calls raise FailedPrecondition."""
@@ -206,10 +208,10 @@ class Client:
 
     @property
     def _native(self) -> "_deformd.Client":
+        if forks.unconnectable() or self._process != os.getpid():
+            raise forks.error()
         if self._connection is None:
             raise FailedPrecondition("this client was closed")
-        if self._process != os.getpid():
-            raise FailedPrecondition("this client was made before os.fork(), which its connection does not survive; make a client in this process")
         return self._connection
 
     def _limits(self, timeout: Optional[float], cancel: "Optional[_deformd.Cancel]") -> "_deformd.Limits":

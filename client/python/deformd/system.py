@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Mapping, Optional, 
 
 import numpy as np
 
-from . import _deformd
+from . import _deformd, forks
 from .compiled import CompiledDeformation
 from .designs import DesignSpace, Variable
 from .errors import InvalidArgument
@@ -291,5 +291,5 @@ class System(DesignSpace):
         return _restore, (self._client, self.id)
 
 
-def _restore(client: "Client", id: str) -> System:
-    return client.system(id)
+def _restore(client: "Client", id: str) -> "Union[System, forks.Unconnected]":
+    return forks.Unconnected() if forks.unconnectable() else client.system(id)
