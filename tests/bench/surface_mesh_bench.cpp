@@ -118,17 +118,18 @@ using Times = std::vector<std::vector<double>>;
 
 Times measure(const Test& test, std::vector<std::unique_ptr<ConnectivityTests>>& all, int rounds, const std::string& where) {
   Times times(all.size());
-  for (int round = 0; round < rounds; ++round) {
-    double first = 0;
-    for (std::size_t i = 0; i < all.size(); ++i) {
+  for (std::size_t round = 0; round < static_cast<std::size_t>(rounds); ++round) {
+    std::vector<double> results(all.size());
+    for (std::size_t k = 0; k < all.size(); ++k) {
+      const std::size_t i = (k + round) % all.size();  // nobody always comes first
       if (test.changes_connectivity) all[i]->copy();
       const double start = processor_seconds();
-      const double result = test.run(*all[i]);
+      results[i] = test.run(*all[i]);
       times[i].push_back(processor_seconds() - start);
-      if (i == 0) first = result;
-      if (!(std::abs(result - first) <= 1e-9 * std::max(1e6, std::abs(first)))) {
-        std::printf("%s, %s: the data structures disagree: %.17g and %.17g\n", where.c_str(), test.name, first, result);
-      }
+    }
+    for (const double result : results) {
+      if (std::abs(result - results[0]) <= 1e-9 * std::max(1e6, std::abs(results[0]))) continue;
+      std::printf("%s, %s: the data structures disagree: %.17g and %.17g\n", where.c_str(), test.name, results[0], result);
     }
   }
   return times;
