@@ -72,6 +72,17 @@ void deform(const System& system, std::span<const Design> designs, EvaluationPat
   });
 }
 
+/// What memory alone allows: reads and writes as many bytes for a point, with an addition for each.
+void copy(const Points& from, const Points& coordinates, int threads, Points& to) {
+  RunContext context;
+  context.threads = threads;
+  parallel_for(context, to.size(), 16384, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      for (std::size_t c = 0; c < 3; ++c) to[i][c] = from[i][c] + coordinates[i][c];
+    }
+  });
+}
+
 double median(std::vector<double> values) {
   std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2), values.end());
   return values[values.size() / 2];
@@ -89,13 +100,20 @@ int run(bool quick) {
                   Report::text(static_cast<double>(by_basis->info().bytes) / (1 << 20)) + " MiB");
   const auto one = designs(1), many = designs(16);
   std::vector<Points> out(16, mesh->points);
-  std::vector<double> processor, ratio, speedup, populations;
+  std::vector<double> processor, ratio, speedup, populations, binding, copies, copy_speedup, work;
   for (int turn = 0; turn < (quick ? 5 : 21); ++turn) {
     const Seconds alone = of([&] { deform(*direct, one, EvaluationPath::direct, 1, out); });
     const Seconds two = of([&] { deform(*direct, one, EvaluationPath::direct, 2, out); });
     const Seconds basis = of([&] { deform(*by_basis, one, EvaluationPath::basis, 1, out); });
     const Seconds sixteen = of([&] { deform(*direct, many, EvaluationPath::direct, 1, out); });
+    const Seconds bind = of([&] { (void)direct->bind(one, EvaluationPath::direct, {}); });
+    const Seconds copy_alone = of([&] { copy(out[1], out[2], 1, out[0]); });
+    const Seconds copy_two = of([&] { copy(out[1], out[2], 2, out[0]); });
+    binding.push_back(bind.processor);
+    copies.push_back(copy_alone.processor);
+    copy_speedup.push_back(copy_alone.wall / copy_two.wall / 2);
     processor.push_back(alone.processor);
+    work.push_back(alone.processor / two.processor);
     ratio.push_back(alone.processor / basis.processor);
     speedup.push_back(alone.wall / two.wall / 2);
     populations.push_back(sixteen.processor / 16);
@@ -103,8 +121,14 @@ int run(bool quick) {
   report.at_least("million points a second on two cores at that efficiency, one design",
                   2 * std::min(1.0, median(speedup)) * points / median(processor) * 1e-6, 50, "");
   report.at_least("efficiency of two threads", median(speedup), 0.8, "");
+  report.info("processor time of one thread over that of both, which others on the machine do not count in",
+              Report::text(median(work)));
   report.info("million points per second of one core, one design", Report::text(points / median(processor) * 1e-6));
   report.info("the same in populations of 16", Report::text(points / median(populations) * 1e-6));
+  report.info("milliseconds of binding it, before any point", Report::text(1e3 * median(binding)));
+  report.info("million points per second of one core that memory allows: a sum of points with the same traffic",
+              Report::text(points / median(copies) * 1e-6));
+  report.info("efficiency of two threads in that", Report::text(median(copy_speedup)));
   report.info("time of the path of stored coordinates over that of the basis of " + std::to_string(handles) + " fields",
               Report::text(median(ratio)));
   return report.missed() == 0 ? 0 : 1;

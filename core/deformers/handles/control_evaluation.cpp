@@ -69,8 +69,20 @@ void ControlEvaluation::add_jump_warning(std::size_t design) {
 }
 
 void ControlEvaluation::direct_tile(std::size_t tile, std::size_t first, std::size_t count, double* values) const {
-  std::fill_n(values, 3 * count * tile_size, 0.0);
+  const std::vector<ControlImage>& images = system_.model_.images;
+  // Without symmetry the displacements are what the only image has. The tile at the end is not full.
+  const bool plain = system_.regions_.symmetry.empty() && images.size() == 1 && images[0].rows;
+  const std::size_t points = std::min(tile_size, system_.following().size() - tile * tile_size);
+  if (!plain || points < tile_size) std::fill_n(values, 3 * count * tile_size, 0.0);
   for (std::size_t d = 0; d < count; d += designs_at_once) {
+    if (plain) {
+      std::array<const Vec3*, designs_at_once> vectors;
+      const std::size_t some = std::min(designs_at_once, count - d);
+      for (std::size_t i = 0; i < some; ++i) vectors[i] = controls_[first + d + i].data();
+      const std::span<const PointId> ids(system_.following().data() + tile * tile_size, points);
+      images[0].rows->tile_sums(ids, {vectors.data(), some}, values + 3 * d * tile_size);
+      continue;
+    }
     add_tile(tile, first + d, std::min(designs_at_once, count - d), values + 3 * d * tile_size);
   }
 }

@@ -14,12 +14,14 @@ namespace deform {
 struct CubicAxis;
 
 /// Sums over the functions of a lattice at many places. With cubic splines along all axes the weights are polynomials of the
-/// place within its span, and control points that are neighbours along the first axis are summed side by side in vector
-/// instructions; the polynomials are Taylor expansions at the knots (de Boor, A Practical Guide to Splines, 1978). Those of other
-/// lattices are summed along one axis after the other. A sum depends on its place and vector alone, bit for bit. Immutable; any
-/// thread.
+/// place within its span; points of one cell of the lattice, of which neighbours in a list mostly are, are summed side by side in
+/// vector instructions, and of others control points that are neighbours along the first axis. The polynomials are Taylor
+/// expansions at the knots (de Boor, A Practical Guide to Splines, 1978). Those of other lattices are summed along one axis after
+/// the other. A sum depends on its place and vector alone, bit for bit. Immutable; any thread.
 class LatticeSums {
  public:
+  static constexpr std::size_t block = 16;  ///< points that are taken together
+
   explicit LatticeSums(const Lattice& lattice);
 
   const Lattice& lattice() const { return lattice_; }
@@ -29,8 +31,17 @@ class LatticeSums {
   void operator()(std::span<const Vec3> u, std::span<const Vec3* const> vectors, Vec3* out) const;
   /// The same at u[rows[i]].
   void operator()(std::span<const Vec3> u, std::span<const PointId> rows, std::span<const Vec3* const> vectors, Vec3* out) const;
+  /// The same of at most `block` rows: out[(3 d + c) * block + i] is component c of vector d at u[rows[i]].
+  void tile(std::span<const Vec3> u, std::span<const PointId> rows, std::span<const Vec3* const> vectors, double* out) const;
 
  private:
+  /// Of the output, in doubles.
+  struct Strides {
+    std::size_t point, vector, component;
+  };
+  template <typename At>
+  void by_blocks(std::size_t count, const At& at, std::span<const Vec3* const> vectors, const Strides& strides,
+                 double* out) const;
   std::array<CubicAxis, 3> cubic_axes() const;
   void one_by_one(const Vec3& u, std::span<const Vec3* const> vectors, Vec3* out) const;
 

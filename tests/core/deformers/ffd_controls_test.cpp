@@ -172,6 +172,20 @@ TEST(FfdByControls, JacobianProductsAndPopulations) {
   test::check_population(*prepare(mesh, control_setup(by_controls())), 5);
 }
 
+TEST(FfdByControls, MoreDesignsThanShareTheWeightsOfAPoint) {
+  const auto mesh = shared(test::bumpy_sheet(31, 16));
+  const auto system = prepare(mesh, control_setup(by_controls()));
+  std::vector<Design> designs;
+  for (int i = 0; i < 35; ++i) designs.push_back({{0.02 * i, 0.1, -0.01 * i, 0.3}, {}});
+  std::vector<Points> together(designs.size(), Points(mesh->point_count()));
+  std::vector<Vec3*> out;
+  for (Points& points : together) out.push_back(points.data());
+  system->bind(designs, EvaluationPath::direct, {})->evaluate(0, mesh->point_count(), 0, out);
+  for (std::size_t i = 0; i < designs.size(); ++i) {
+    EXPECT_TRUE(system->evaluate({&designs[i], 1}, EvaluationPath::direct)[0] == together[i]) << i;
+  }
+}
+
 TEST(FfdByControls, BasisToATolerance) {
   const auto mesh = shared(test::bumpy_sheet(91, 46));
   FfdOptions options = by_controls();

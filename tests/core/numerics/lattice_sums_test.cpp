@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <vector>
 
@@ -63,6 +64,19 @@ std::vector<Vec3> places(std::size_t spans) {
   return u;
 }
 
+/// sum_p values[p] phi_p(u) over all control points.
+std::array<Real, 3> sum_of_all(LatticeBasis basis, const std::array<std::size_t, 3>& points, const std::vector<Vec3>& values,
+                               const Vec3& u) {
+  std::array<std::vector<Real>, 3> along;
+  for (std::size_t a = 0; a < 3; ++a) along[a] = values_along(basis, points[a], u[a]);
+  std::array<Real, 3> sum{};
+  for (std::size_t p = 0; p < values.size(); ++p) {
+    const Real weight = along[0][p % points[0]] * along[1][p / points[0] % points[1]] * along[2][p / points[0] / points[1]];
+    for (std::size_t c = 0; c < 3; ++c) sum[c] += weight * values[p][c];
+  }
+  return sum;
+}
+
 TEST(LatticeSums, AreThoseOverAllControlPoints) {
   const std::array<std::size_t, 3> points{5, 7, 4};
   for (const LatticeBasis basis : all_bases) {
@@ -74,16 +88,110 @@ TEST(LatticeSums, AreThoseOverAllControlPoints) {
       std::vector<Vec3> found(u.size());
       sums(u, {&vectors, 1}, found.data());
       for (std::size_t n = 0; n < u.size(); ++n) {
-        std::array<std::vector<Real>, 3> along;
-        for (std::size_t a = 0; a < 3; ++a) along[a] = values_along(basis, points[a], u[n][a]);
-        std::array<Real, 3> expected{};
-        for (std::size_t p = 0; p < values.size(); ++p) {
-          const Real weight = along[0][p % points[0]] * along[1][p / points[0] % points[1]] * along[2][p / points[0] / points[1]];
-          for (std::size_t c = 0; c < 3; ++c) expected[c] += weight * values[p][c];
-        }
+        const auto expected = sum_of_all(basis, points, values, u[n]);
         for (std::size_t c = 0; c < 3; ++c) EXPECT_NEAR(found[n][c], static_cast<double>(expected[c]), 4e-15) << n << " " << c;
       }
     });
+  }
+}
+
+/// Blocks of points: of each, most of the first `same` lie in one cell, every `step`-th elsewhere, and the last is outside.
+std::vector<Vec3> in_one_cell(std::size_t same, std::size_t step) {
+  std::vector<Vec3> u = test::random_points(3 * LatticeSums::block + 5, static_cast<unsigned>(7 * same + step));
+  for (std::size_t n = 0; n < u.size(); ++n) {
+    const std::size_t i = n % LatticeSums::block;
+    for (double& c : u[n]) c = std::min(1.0, std::abs(c));
+    // Within the second span along each axis of 3, 4 and 2 spans, at its begin every fifth.
+    const std::array<double, 3> begin{1.0 / 3, 0.25, 0.5};
+    for (std::size_t a = 0; a < 3 && i < same && i % step != step - 1; ++a) {
+      u[n][a] = i % 5 == a ? begin[a] : begin[a] + 0.24 * u[n][a];
+    }
+    if (i == LatticeSums::block - 1) u[n][0] = -1;
+  }
+  return u;
+}
+
+TEST(LatticeSums, AreTheSameForPointsThatShareACell) {
+  const std::array<std::size_t, 3> points{6, 7, 5};
+  for (const LatticeBasis basis : all_bases) {
+    const Lattice lattice({}, points, basis);
+    const LatticeSums sums(lattice);
+    const std::vector<Vec3> a = random_vectors(lattice.size(), 2), b = random_vectors(lattice.size(), 3);
+    const std::array<const Vec3*, 2> both{a.data(), b.data()};
+    for (std::size_t same = 1; same <= LatticeSums::block; ++same) {
+      const std::vector<Vec3> u = in_one_cell(same, same % 3 == 0 ? 4 : LatticeSums::block + 1);
+      std::vector<std::array<std::array<Real, 3>, 2>> expected(u.size());
+      for (std::size_t n = 0; n < u.size(); ++n) {
+        if (u[n][0] < 0) continue;
+        expected[n] = {sum_of_all(basis, points, a, u[n]), sum_of_all(basis, points, b, u[n])};
+      }
+      test::on_every_target([&] {
+        std::vector<Vec3> found(2 * u.size()), alone(2);
+        sums(u, both, found.data());
+        for (std::size_t n = 0; n < u.size(); ++n) {
+          sums({&u[n], 1}, both, alone.data());
+          for (std::size_t d = 0; d < 2; ++d) {
+            EXPECT_EQ(found[2 * n + d], alone[d]) << same << " " << n;
+            for (std::size_t c = 0; c < 3; ++c) {
+              EXPECT_NEAR(alone[d][c], static_cast<double>(expected[n][d][c]), 4e-15) << same << " " << n;
+            }
+          }
+        }
+        // The same in tiles, also of fewer points, and of rows that do not follow each other.
+        for (const std::size_t some : {LatticeSums::block, same}) {
+          std::vector<PointId> rows;
+          for (std::size_t i = 0; i < some; ++i) rows.push_back(static_cast<PointId>(LatticeSums::block + (i * same) % 21));
+          std::vector<double> tile(6 * LatticeSums::block, 77);
+          sums.tile(u, rows, both, tile.data());
+          for (std::size_t k = 0; k < 6; ++k) {
+            for (std::size_t i = 0; i < LatticeSums::block; ++i) {
+              const double value = tile[k * LatticeSums::block + i];
+              EXPECT_EQ(value, i < some ? found[2 * rows[i] + k / 3][k % 3] : 77) << same << " " << k << " " << i;
+            }
+          }
+        }
+      });
+    }
+  }
+}
+
+/// The coordinates in a turned and sheared frame are solved for in long double too.
+TEST(LatticeSums, AreThoseOfTheirPlacesInATurnedFrame) {
+  const LatticeFrame frame{{0.3, -2, 1}, {{{1.2, 0.9, -0.1}, {-0.8, 1.1, 0.2}, {0.3, 0.1, 2}}}};
+  const std::array<std::size_t, 3> points{6, 5, 7};
+  const auto solve = [&](const Vec3& x) {
+    const auto det = [](const std::array<std::array<Real, 3>, 3>& m) {
+      return m[0][0] * (m[1][1] * m[2][2] - m[1][2] * m[2][1]) - m[0][1] * (m[1][0] * m[2][2] - m[1][2] * m[2][0]) +
+             m[0][2] * (m[1][0] * m[2][1] - m[1][1] * m[2][0]);
+    };
+    std::array<std::array<Real, 3>, 3> axes{};
+    for (std::size_t a = 0; a < 3; ++a) std::copy(frame.axes[a].begin(), frame.axes[a].end(), axes[a].begin());
+    std::array<Real, 3> u{};
+    for (std::size_t a = 0; a < 3; ++a) {
+      auto replaced = axes;
+      for (std::size_t c = 0; c < 3; ++c) replaced[a][c] = static_cast<Real>(x[c]) - frame.origin[c];
+      u[a] = det(replaced) / det(axes);
+    }
+    return u;
+  };
+  for (const LatticeBasis basis : all_bases) {
+    const Lattice lattice(frame, points, basis);
+    const LatticeSums sums(lattice);
+    const std::vector<Vec3> values = random_vectors(lattice.size(), 5);
+    const Vec3* const vectors = values.data();
+    std::vector<Vec3> x;
+    for (const Vec3& u : in_one_cell(12, 4)) x.push_back(lattice.place({std::abs(u[0]) * 0.9, u[1], u[2]}));
+    const LatticeCoordinates at = coordinates_in(lattice, x);
+    EXPECT_TRUE(at.outside.empty());
+    std::vector<Vec3> found(x.size());
+    sums(at.u, {&vectors, 1}, found.data());
+    for (std::size_t n = 0; n < x.size(); ++n) {
+      const auto u = solve(x[n]);
+      const Vec3 rounded{static_cast<double>(u[0]), static_cast<double>(u[1]), static_cast<double>(u[2])};
+      const auto expected = sum_of_all(basis, points, values, rounded);
+      // The coordinates have roundings of their own, and the slope of the sums is about that of the spans.
+      for (std::size_t c = 0; c < 3; ++c) EXPECT_NEAR(found[n][c], static_cast<double>(expected[c]), 1e-13) << n << " " << c;
+    }
   }
 }
 

@@ -48,6 +48,10 @@ class LatticeRows : public ControlFunctions {
   void sums(std::span<const PointId> rows, std::span<const Vec3* const> vectors, Vec3* out) const override {
     sums_(u_, rows, vectors, out);
   }
+  void tile_sums(std::span<const PointId> rows, std::span<const Vec3* const> vectors, double* out) const override {
+    static_assert(LatticeSums::block == tile_size);
+    sums_.tile(u_, rows, vectors, out);
+  }
   std::size_t bytes() const override { return u_.size() * sizeof(Vec3); }
 
   const Lattice& lattice() const { return sums_.lattice(); }
