@@ -6,11 +6,11 @@
 #include <algorithm>
 #include <utility>
 
+#include "core/base/model_size.h"
 #include "core/deformers/composed/composed_setup.h"
 #include "core/deformers/methods.h"
 #include "core/deformers/setup_hints.h"
 #include "core/deformers/unheld_bodies.h"
-#include "core/mesh/model_size.h"
 #include "proto/convert/base/fields.h"
 
 namespace deform::convert {
