@@ -110,6 +110,7 @@ v1::EstimateReply estimate_reply(const Estimate& estimate) {
   reply.set_resident_bytes(estimate.resident_bytes);
   reply.set_peak_bytes(estimate.peak_bytes);
   reply.set_seconds(estimate.seconds);
+  reply.set_design_seconds(estimate.design_seconds);
   for (const auto& note : estimate.notes) reply.add_notes(note);
   return reply;
 }
