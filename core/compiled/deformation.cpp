@@ -110,6 +110,7 @@ Deformation::Deformation(Content content) : content_(std::move(content)) {
     turned_.push_back(basis.components == turned_components);
   }
   sides_ = sides_of(content_);
+  size_ = model_size(content_.rest);
 }
 
 Deformation Deformation::load(const std::filesystem::path& file) { return Deformation(read_content(file)); }
@@ -613,6 +614,7 @@ Report Deformation::report(std::span<const double> variables) const {
   check_design(maps, "");
   Report report;
   report.doubts = doubts(maps, values);
+  if (!size_.stray.empty()) report.doubts.push_back(size_.stray);
   report.prescribed_displacement = largest_displacement(maps);
   const Bound design = bound({maps}, 1);
   const std::size_t fields = content_.fields();

@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "core/base/model_size.h"
 #include "core/base/plane_sides.h"
 #include "core/compiled/content.h"
 
@@ -20,7 +21,7 @@ struct Report {
   double error = 0;                    ///< estimated largest error at the points, model units
   bool converged = true;               ///< the basis, and where the setup sets a tolerance, the design, reached it
   /// Handles that the design mirrors or flattens, a sentence each, see shape_doubt(): the points are right, and perhaps not
-  /// meant.
+  /// meant. Last, of a model of which points have strayed, ModelSize::stray.
   std::vector<std::string> doubts{};
 };
 
@@ -70,6 +71,9 @@ class Deformation {
 
   /// Checks a design and says how wrong its points may be.
   Report report(std::span<const double> variables) const;
+
+  /// By which errors and motions are judged; of the rest points.
+  const ModelSize& size() const { return size_; }
 
   /// On which side of the symmetry planes points stay; planes on which no point lies are left out.
   const PlaneSides& sides() const { return sides_; }
@@ -126,6 +130,7 @@ class Deformation {
   std::vector<std::vector<std::size_t>> components_;  ///< of each basis
   std::vector<bool> turned_;                          ///< of each basis, see turned_components
   PlaneSides sides_;
+  ModelSize size_;
 };
 
 }  // namespace deform::compiled

@@ -248,6 +248,7 @@ struct Estimate {
   std::size_t resident_bytes = 0;     ///< memory of the prepared system
   std::size_t peak_bytes = 0;         ///< peak memory during preparation, including the system
   double seconds = 0;                 ///< rough time, from flop and byte counts at nominal rates
+  double design_seconds = 0;          ///< rough time of one design with constraints, elapsed; 0 without any
   std::vector<std::string> notes;     ///< one sentence each
   std::string advice;                 ///< how to use less memory: "use fewer handles"
 

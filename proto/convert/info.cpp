@@ -6,11 +6,11 @@
 #include <algorithm>
 #include <utility>
 
+#include "core/base/model_size.h"
 #include "core/deformers/composed/composed_setup.h"
 #include "core/deformers/methods.h"
 #include "core/deformers/setup_hints.h"
 #include "core/deformers/unheld_bodies.h"
-#include "core/mesh/model_size.h"
 #include "proto/convert/base/fields.h"
 
 namespace deform::convert {
@@ -110,6 +110,7 @@ v1::EstimateReply estimate_reply(const Estimate& estimate) {
   reply.set_resident_bytes(estimate.resident_bytes);
   reply.set_peak_bytes(estimate.peak_bytes);
   reply.set_seconds(estimate.seconds);
+  reply.set_design_seconds(estimate.design_seconds);
   for (const auto& note : estimate.notes) reply.add_notes(note);
   return reply;
 }

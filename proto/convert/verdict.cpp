@@ -158,6 +158,14 @@ void judge_mesh(const SolutionFacts& facts, const v1::DesignResult& result, std:
                                             three_digits(result.cells().safe_amplitude()) + " of the motion" +
                                             failed_checks(result.cells()));
   }
+  if (result.cells().non_orthogonal_faces() > 0) {
+    const std::uint64_t count = result.cells().non_orthogonal_faces();
+    found.emplace_back(v1::VERDICT_DOUBTFUL, std::to_string(count) +
+                                                 (count == 1 ? " face of cells has" : " faces of cells have") +
+                                                 " become severely non-orthogonal, beyond 70 degrees; the largest angle is " +
+                                                 three_digits(result.cells().largest_non_orthogonality()) + " degrees, at face " +
+                                                 std::to_string(result.cells().largest_non_orthogonality_face()));
+  }
   if (result.faces().flipped() > 0) {
     found.emplace_back(v1::VERDICT_DOUBTFUL, std::to_string(result.faces().flipped()) + " of " +
                                                  std::to_string(result.faces().faces()) + " faces are flipped");

@@ -102,11 +102,17 @@ std::unique_ptr<const DesignChecker> DesignChecker::make(std::shared_ptr<const R
   const bool plane = cells && std::holds_alternative<const Mesh*>(*cells);
   const auto fields = cells && !plane ? system->system->displacement_fields() : nullptr;
   if (cells) bytes += InversionCheck::bytes_for(*cells, mesh.points.size());
-  if (quality) bytes += quality_bytes(mesh);
+  if (quality) bytes += quality_bytes(mesh) + (mesh.cells ? mesh.cells->internal_faces() : 0);
   if (checks.splitting) bytes += estimate_substep(mesh, system->setup, *cells).peak_bytes;
   checker->charge_ = budget.charge(bytes, {checks.splitting ? "splitting designs" : "checking the cells of designs",
                                            "set check: CELL_CHECK_OFF and no splitting, or raise the server's memory budget", 0});
   if (cells) checker->inversions_ = system->cell_check.get(mesh, *cells, fields.get(), budget, context);
+  if (quality && mesh.cells) {
+    const PolyhedralLimits limits;
+    for (const double angle : polyhedral_quality(mesh.points, *mesh.cells, limits, context).face_non_orthogonality) {
+      checker->severe_at_rest_.push_back(angle > limits.non_orthogonality ? 1 : 0);
+    }
+  }
   if (checks.splitting) checker->designs_ = designs();
   checker->system_ = std::move(system);
   return checker;
@@ -130,7 +136,7 @@ DesignChecker::Findings DesignChecker::check(std::size_t design, const std::opti
     if (checks_.check != v1::CELL_CHECK_OFF) findings.cells = convert::cell_report(*inversions_, safety);
     if (checks_.splitting) split(design, points, safety, findings, context);
   }
-  if (checks_.check == v1::CELL_QUALITY) findings.quality = quality(points);
+  if (checks_.check == v1::CELL_QUALITY) findings.quality = quality(points, findings.cells ? &*findings.cells : nullptr);
   findings.faces = check_faces(points, context);
   return findings;
 }
@@ -166,14 +172,24 @@ void DesignChecker::split(std::size_t design, Points& points, const SafeAmplitud
   points = std::move(result.points);
 }
 
-v1::QualityReport DesignChecker::quality(const Points& points) const {
+v1::QualityReport DesignChecker::quality(const Points& points, v1::CellReport* cells) const {
   const Mesh& mesh = *system_->mesh;
   // Left-handed is what is so at rest.
   const auto left_handed = [&] { return left_handed_cells(mesh.points, *cells_); };
   if (mesh.cells) {
     PolyhedralLimits limits;
     limits.left_handed = left_handed();
-    return convert::quality_to_proto(quality_report(polyhedral_quality(points, *mesh.cells, limits), points, *mesh.cells));
+    const PolyhedralQuality measured = polyhedral_quality(points, *mesh.cells, limits);
+    if (cells != nullptr) {
+      std::uint64_t appeared = 0;
+      for (std::size_t f = 0; f < severe_at_rest_.size(); ++f) {
+        appeared += severe_at_rest_[f] == 0 && measured.face_non_orthogonality[f] > limits.non_orthogonality ? 1 : 0;
+      }
+      cells->set_non_orthogonal_faces(appeared);
+      cells->set_largest_non_orthogonality(measured.largest_non_orthogonality.value);
+      cells->set_largest_non_orthogonality_face(static_cast<std::uint32_t>(measured.largest_non_orthogonality.id));
+    }
+    return convert::quality_to_proto(quality_report(measured, points, *mesh.cells));
   }
   if (mesh.elements) {
     const ElementQuality measured = element_quality(points, *mesh.elements, left_handed());

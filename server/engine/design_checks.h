@@ -103,7 +103,8 @@ class DesignChecker {
   DesignChecker() = default;
   void split(std::size_t design, Points& points, const SafeAmplitude& safety, Findings& findings,
              const RunContext& context) const;
-  v1::QualityReport quality(const Points& points) const;
+  /// Stores in *cells, if given, how many faces of polyhedral cells became severely non-orthogonal.
+  v1::QualityReport quality(const Points& points, v1::CellReport* cells) const;
   bool in_plane(const Points& points) const;
   SafeAmplitude amplitude(const std::optional<FieldMotion>& motion, const Points& points, const RunContext& context) const;
 
@@ -114,6 +115,7 @@ class DesignChecker {
   std::shared_ptr<const FlipCheck> flips_;                  ///< null: there are no faces, or they are not to be looked at
   std::shared_ptr<const IntersectionCheck> intersections_;  ///< null: not asked for, or like flips_
   std::vector<Design> designs_;
+  std::vector<char> severe_at_rest_;  ///< of the internal faces of polyhedral cells whose quality is asked for
   Charge charge_;
 };
 

@@ -16,10 +16,10 @@
 #include <vector>
 
 #include "core/base/error.h"
+#include "core/base/model_size.h"
 #include "core/base/run_context.h"
 #include "core/deformers/symmetry_sides.h"
 #include "core/deformers/system.h"
-#include "core/mesh/model_size.h"
 #include "deform/v1/deformation.pb.h"
 #include "server/engine/design_checks.h"
 #include "server/engine/memory.h"

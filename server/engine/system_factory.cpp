@@ -174,6 +174,7 @@ std::shared_ptr<ResidentSystem> SystemFactory::make_system(const Recipe& recipe,
   resident->memory_return.bytes = resident->charge.bytes();
   return_freed_memory(estimate.peak_bytes - std::min(estimate.peak_bytes, resident->system->bytes()));
   resident->info = convert::system_info(resident->system->info(), recipe.canonical, recipe.id.id);
+  resident->info.set_design_seconds(estimate.design_seconds);
   convert::add_handles(*resident->info.mutable_handles(), resident->setup, planned.regions);
   convert::add_setup_notes(*resident->info.mutable_notes(), resident->setup, *resident->mesh, planned.regions);
   resident->told = resident->info;

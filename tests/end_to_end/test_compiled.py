@@ -141,6 +141,23 @@ class Compiled(EndToEnd):
         fine = self.deform("apply", "scaled.yaml", "--set", "high=0.1", "-o", "out.obj", "--json").json["report"]
         self.assertEqual(fine["verdict"], "good")
 
+    def test_points_that_have_strayed_are_judged_as_by_the_server(self):
+        lines = open(self.path("ahmed.obj")).read().splitlines(keepends=True)
+        last = max(i for i, line in enumerate(lines) if line.startswith("v "))
+        told = set()
+        for far in ("1e4", "2e6", "1e15"):
+            self.write("ahmed.obj", "".join(lines[:last + 1] + [f"v {far} 0 0\n"] + lines[last + 1:]))
+            self.write("held.yaml", AHMED_SETUP.replace("TRIHARMONIC", "BIHARMONIC"))
+            for setup in ("setup.yaml", "held.yaml"):
+                self.compile(setup)
+                served, applied = (self.deform("apply", what, "--set", "roof_up=0.03", "-o", "out.obj", "--check", "off", "--keep-bad", "--json",
+                                               expect=None).json["report"] for what in (setup, "car.deformation"))
+                for key in ("verdict", "reasons", "reasons_of_verdict"):
+                    self.assertEqual(applied.get(key), served.get(key), (far, setup, key))
+                self.assertEqual(any("most points lie within" in reason for reason in applied["reasons"]), far != "1e4", applied)
+                told.add(applied["verdict"])
+        self.assertEqual(told, {"doubtful", "bad"})
+
     def test_the_file_is_what_the_server_computes(self):
         compiled = self.compile()
         self.assertEqual(compiled["bytes"], os.path.getsize(self.path("car.deformation")))

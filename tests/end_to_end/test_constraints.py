@@ -144,6 +144,15 @@ class Constraints(EndToEnd):
             self.assertLess(report["constraints"]["residuals"][0]["rms"], 1e-2 * bore["free_rms"])
             self.assertLess(out_of_round([points[i] for i in RIM]), 1e-2 * unconstrained, method)
 
+    def test_the_time_of_a_design_is_told(self):
+        self.write("plate.obj", plate())
+        self.write("free.yaml", setup("{shell: {}}"))
+        self.write("round.yaml", setup("{shell: {}}", CIRCLE))
+        for options in (["--check"], []):
+            self.assertEqual(self.deform("prepare", "free.yaml", *options, "--json").json["design_seconds"], 0)
+            self.assertGreater(self.deform("prepare", "round.yaml", *options, "--json").json["design_seconds"], 0)
+            self.assertIn("time of a design with its constraints: about", self.deform("prepare", "round.yaml", *options).out)
+
     def test_the_radius_is_kept_when_asked(self):
         self.write("plate.obj", plate())
         self.write("kept.yaml", setup("{mls: {}}", CIRCLE_KEPT))

@@ -68,6 +68,23 @@ class OpenFoam(EndToEnd):
         self.fails(4, "quality", "case/0.15", "--json", "--fail-on", "skewness>1", says=["skewness>1: it is 3.0"], prints=True)
         self.fails(2, "quality", "case", "--fail-on", "skewnes>1", says=["did you mean", "skewness"])
 
+    def test_faces_that_become_severely_non_orthogonal_are_counted(self):
+        """None is at rest, so that all that checkMesh's formula finds afterwards are new."""
+        self.case("car_fastback")
+        self.start_server()
+        self.write("car.yaml", ROOF_LIFT.replace("upper: 0.5", "upper: 2"))
+        for lift, any_are in (("0.3", False), ("1.3", True)):
+            apply = ["apply", "car.yaml", "--set", f"lift={lift}", "-o", f"case/{lift}", "--json", "--keep-bad"]
+            report = self.deform(*apply, "--check", "quality", expect=None).json["report"]
+            quality = self.deform("quality", f"case/{lift}", "--before", "case", "--json").json
+            self.assertEqual(quality["before"]["non_orthogonal_faces"], 0)
+            severe = int(quality["non_orthogonal_faces"] + quality["non_orthogonality_errors"])
+            self.assertEqual(severe > 0, any_are)
+            told = [reason for reason in report["reasons"] if "severely non-orthogonal" in reason]
+            self.assertEqual([int(reason.split()[0]) for reason in told], [severe] if any_are else [])
+            self.assertTrue(not any_are or report["verdict"] != "good")
+            self.assertFalse(any("non-orthogonal" in reason for reason in self.deform(*apply, expect=None).json["report"]["reasons"]))
+
     def test_a_sweep_writes_time_folders(self):
         before, _ = self.case("pipe_tet")
         self.start_server()

@@ -259,6 +259,15 @@ const std::vector<Case> cases = {
        r.mutable_cells()->set_safe_amplitude(0.25);
      },
      v1::VERDICT_BAD, "2 of 50 cells are inverted; none before 0.25 of the motion"},
+    {"non_orthogonal",
+     [](auto&, auto& r) {
+       r.mutable_cells()->set_non_orthogonal_faces(3);
+       r.mutable_cells()->set_largest_non_orthogonality(81.25);
+       r.mutable_cells()->set_largest_non_orthogonality_face(17);
+     },
+     v1::VERDICT_DOUBTFUL,
+     "3 faces of cells have become severely non-orthogonal, beyond 70 degrees; the largest angle is 81.2 degrees, at face 17"},
+    {"non_orthogonal_at_rest", [](auto&, auto& r) { r.mutable_cells()->set_non_orthogonal_faces(0); }, v1::VERDICT_GOOD, ""},
     {"split_that_mends",
      [](auto&, auto& r) {
        r.mutable_cells()->set_inverted(2);

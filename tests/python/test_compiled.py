@@ -269,6 +269,22 @@ def test_a_mirrored_handle_is_doubtful_as_the_server_says(case, client):
     assert fast.report([-0.5]).doubts == () == fast.report([9]).doubts
 
 
+def test_errors_are_judged_by_the_size_of_the_rest_where_points_have_strayed(client):
+    """What is wrong by many motions is a part of the box that would be neglected."""
+    points, hexahedra = brick((6, 6, 6))
+    setup = {"method": {"rbf": {"kernel": "TRIHARMONIC"}}, "handles": [{"name": "right", "region": {"group": "right"}}], "fixed": [{"group": "left"}],
+             "variables": [{"name": "push", "handle": "right", "translate": [-0.1, 0.1, 0]}]}
+    for far, bad in ((20, False), (1e15, True)):
+        strayed = np.vstack([points, [[far, 3, 3]]])
+        geometry = client.register((strayed, {"hexahedron": hexahedra}),
+                                   groups={"left": np.flatnonzero(points[:, 0] == 0), "right": np.flatnonzero(points[:, 0] == 6)})
+        system = client.prepare(setup, geometry)
+        served, report = system.deform([1]).report, system.local().report([1])
+        assert (report.bad, served.bad) == (bad, bad), (report, served)
+        assert [reason for reason in served.reasons if "most points lie within" in reason] == list(report.doubts)
+        assert len(report.doubts) == bad
+
+
 def test_a_solution_that_is_wrong_is_bad():
     fine = deformd.CompiledReport(1e-5, 1.0, 1.0, 0.0, True, diagonal=2.0)
     assert not fine.bad

@@ -13,9 +13,9 @@
 #include "client/cli/commands/mesh_reading.h"
 #include "client/cli/output/format.h"
 #include "client/cli/output/result_json.h"
+#include "core/base/model_size.h"
 #include "core/base/text.h"
 #include "core/mesh/elements.h"
-#include "core/mesh/model_size.h"
 
 namespace deform::cli {
 

@@ -67,6 +67,11 @@ ExitCode tell(const Findings& findings, const std::string& setup, Style style) {
   return exit_code_of(error);
 }
 
+/// Of setups with constraints; others evaluate designs in no time.
+void print_design_time(double seconds) {
+  if (seconds > 0) std::cout << "  time of a design with its constraints: about " << duration_text(seconds) << '\n';
+}
+
 void print_estimate(const v1::EstimateReply& estimate, const v1::Setup& setup) {
   const char* held = selects_controls(setup) ? " control points" : " points";
   std::cout << "valid\n";
@@ -81,6 +86,7 @@ void print_estimate(const v1::EstimateReply& estimate, const v1::Setup& setup) {
             << '\n'
             << "  time: about " << duration_text(estimate.seconds())
             << (estimate.resident() ? ", but it is prepared already" : "") << '\n';
+  print_design_time(estimate.design_seconds());
   for (const auto& note : estimate.notes()) std::cout << "  note: " << printable(note) << '\n';
   std::cout << std::flush;
 }
@@ -117,6 +123,7 @@ void print_system(const v1::SystemInfo& system) {
   std::cout << "  prepared in " << duration_text(system.seconds()) << '\n';
   for (const auto& stage : system.stages())
     std::cout << "    " << stage.stage() << ": " << duration_text(stage.seconds()) << '\n';
+  print_design_time(system.design_seconds());
   for (const auto& note : system.notes()) std::cout << "  note: " << printable(note) << '\n';
   std::cout << std::flush;
 }

@@ -49,7 +49,8 @@ v1::DesignResult compiled_result(const compiled::Deformation& deformation, const
   }
   const double misfit =
       method.manipulates_directly ? deformation.largest_misfit(variables, std::span(points[0].data(), 3 * points.size())) : 0;
-  convert::set_verdict({content.diagonal, content.condition, report.converged, 0, misfit, method, report.doubts}, result);
+  convert::set_verdict({deformation.size().judged_by, content.condition, report.converged, 0, misfit, method, report.doubts},
+                       result);
   return result;
 }
 

@@ -263,6 +263,7 @@ void bind_compiled(py::module_& module) {
       .def_property_readonly("rest",
                              [](const std::shared_ptr<Compiled>& self) { return points_array(self, self->content().rest); })
       .def_property_readonly("diagonal", [](const Compiled& self) { return self.content().diagonal; })
+      .def_property_readonly("judged_by", [](const Compiled& self) { return self.evaluator().size().judged_by; })
       .def_property_readonly("system_id", [](const Compiled& self) { return self.content().system_id; })
       .def_property_readonly("geometry_id", [](const Compiled& self) { return self.content().geometry_id; })
       .def_property_readonly("method", [](const Compiled& self) { return self.content().method; })

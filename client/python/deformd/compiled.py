@@ -203,7 +203,7 @@ class CompiledDeformation(DesignSpace):
         if isinstance(found, Error):
             return CompiledReport(error=found)
         *numbers, across, doubts = found
-        return CompiledReport(*numbers, diagonal=self.diagonal, flipped_faces=flipped, doubts=doubts, points_across_symmetry=across)
+        return CompiledReport(*numbers, diagonal=self._native.judged_by, flipped_faces=flipped, doubts=doubts, points_across_symmetry=across)
 
     def __repr__(self) -> str:
         return f"<CompiledDeformation of {self.system_id[:8]}: {len(self.rest)} points, variables {', '.join(self.names)}>"

@@ -12,7 +12,7 @@ from .errors import BadDesign, BadDesignWarning, Error, InvalidArgument
 
 _VERDICTS = {"VERDICT_GOOD": "good", "VERDICT_DOUBTFUL": "doubtful", "VERDICT_BAD": "bad"}
 
-# Of the verdict of the server: fractions of the largest displacement, and of the diagonal.
+# Of the verdict of the server: fractions of the largest displacement, and of the diagonal (of that of most points where some have strayed).
 _BAD_ERROR = 1e-3
 _LEAST_MOTION = 1e-4  # of D: errors of smaller motions are judged as if they were so large
 _NEGLIGIBLE_ERROR = 1e-12
@@ -137,7 +137,8 @@ class CompiledReport:
 
     @property
     def doubts(self) -> Tuple[str, ...]:
-        """What handles are mirrored or flattened by their motion, which the server calls doubtful; one sentence each."""
+        """What handles are mirrored or flattened by their motion, and that points of the model have strayed, which the server calls
+        doubtful; one sentence each."""
         return self._doubts
 
     @property

@@ -157,6 +157,7 @@ Estimate estimate_composed(const Mesh& mesh, const Setup& setup, const SelectedR
     sum.basis_bytes += own.basis_bytes;
     sum.resident_bytes += own.resident_bytes;
     sum.seconds += own.seconds;
+    sum.design_seconds += own.design_seconds;
     for (const std::string& note : own.notes) sum.notes.push_back(s == 0 ? note : stage_field(s) + ": " + note);
     if (sum.advice.empty()) sum.advice = own.advice;
   }

@@ -24,6 +24,11 @@ constexpr std::size_t most_parameters = 7, few_set_points = 64;
 constexpr double per_pair = 4e-9;        // seconds to assemble Phi^T Phi: for each pair of functions at a point
 constexpr double per_product = 2.5e-11;  // seconds of an operation in products of dense matrices
 constexpr double per_solution = 5e-10;   // seconds of an entry of a dense factor in a solution
+// Seconds of a design: for a byte of the factor of the global step in a solution, an entry of Phi in a product, an entry of a
+// dense matrix of forces or of Newton's factor in a solution, and an operation of a Newton matrix. Designs take one such matrix,
+// so many iterations of conjugate gradients with it, and before these that share of the iterations that it is worth.
+constexpr double per_step_byte = 3e-10, per_entry = 4e-9, per_force = 1.5e-9, per_factor_entry = 1e-9, per_newton = 4e-11;
+constexpr double usual_gradients = 25, usual_share = 0.6, fewest_iterations = 3, further_iterations = 10;
 constexpr std::size_t column_cover = 2;  // functions of a column, over those of a point
 
 /// The counts that determine the memory.
@@ -82,6 +87,26 @@ std::size_t newton_bytes(const Counts& counts, NewtonForm form) {
   return linear + J * (grown + 3 * form_entry_bytes) + std::min(assembled, factor + counts.most_assembly);
 }
 
+/// Of one design.
+double design_seconds(const Counts& counts, NewtonForm form, double operations) {
+  const auto step_bytes = static_cast<double>(counts.global_step.factor_bytes), entries = static_cast<double>(counts.phi);
+  const auto rows = static_cast<double>(counts.newton.rows), full = static_cast<double>(counts.full);
+  const double iteration = per_step_byte * step_bytes + per_entry * entries;
+  const auto patience = static_cast<double>(newton_patience(form, operations, counts.global_step.factor_bytes, counts.phi));
+  const double first = std::max(fewest_iterations, usual_share * patience) * iteration;
+  switch (form) {
+    case NewtonForm::none:
+      return first;
+    case NewtonForm::forces:
+      return first + per_newton * operations + usual_gradients * (iteration + per_force * rows * rows);
+    case NewtonForm::full:
+      return first + per_newton * operations + usual_gradients * (iteration + per_factor_entry * full * full);
+    case NewtonForm::sparse:
+      break;
+  }
+  return first + further_iterations * iteration;  // mostly it converges before
+}
+
 ConstrainedBytes total(const Counts& counts, NewtonForm form) {
   const NewtonSizes& sizes = counts.newton;
   const std::size_t N = sizes.points, r = sizes.functions;
@@ -102,12 +127,16 @@ ConstrainedBytes total(const Counts& counts, NewtonForm form) {
   bytes.working = sizeof(Vec3) * (40 * N + 34 * r + 12 * counts.unknowns) + newton_bytes(counts, form);
   bytes.operations = counts.reduced.flops + counts.global_step.flops;
   bytes.seconds = per_pair * static_cast<double>(counts.phi) * static_cast<double>(counts.cover);
+  bytes.design_seconds = design_seconds(counts, form, cheapest_newton(counts.newton, 0).operations);
   return bytes;
 }
 
+/// Bounds of both, and the shorter time of a design, as solvers choose what is cheaper.
 ConstrainedBytes larger(const ConstrainedBytes& a, const ConstrainedBytes& b) {
-  return {std::max(a.resident, b.resident), std::max(a.preparing, b.preparing), std::max(a.working, b.working),
-          std::max(a.operations, b.operations), std::max(a.seconds, b.seconds)};
+  double design = std::min(a.design_seconds, b.design_seconds);
+  if (design == 0) design = std::max(a.design_seconds, b.design_seconds);  // one is not known
+  return {std::max(a.resident, b.resident),     std::max(a.preparing, b.preparing), std::max(a.working, b.working),
+          std::max(a.operations, b.operations), std::max(a.seconds, b.seconds),     design};
 }
 
 /// Of points that follow dense rows.
@@ -153,6 +182,9 @@ ConstrainedBytes dense_total(const Counts& sets, const DenseCounts& of, Delivere
   const std::size_t assembled =
       newton.form == NewtonForm::full ? V + 3 * r * r * word + 9 * sizes.touched * grown + 6 * u * form_entry_bytes : 0;
   bytes.working = sizeof(Vec3) * (40 * N + 34 * r + 12 * k + 4 * u) + newton_bytes(counts, newton.form) + assembled;
+  counts.phi = u * r;
+  counts.global_step.factor_bytes = step;
+  bytes.design_seconds = design_seconds(counts, newton.form, newton.operations);
   const auto du = static_cast<double>(u), dr = static_cast<double>(r), dk = static_cast<double>(k);
   bytes.operations = of.reduced.flops + dr * dr * dr / 3;
   if (newton.form == NewtonForm::forces) bytes.seconds = du * dr * (dr * per_solution / thread_count({}) + 2 * du * per_product);
@@ -377,11 +409,15 @@ ConstrainedBytes constrained_bytes(const SpaceCounts& space, const std::vector<C
       if (ReducedEnergy::is_dense(reaching, k) && form == DeliveredRows::Form::functions) {
         dense.reduced = counts_for(reaching, true).reduced;
       }
-      result = larger(result, dense_total(counts, dense, form));
+      ConstrainedBytes bytes = dense_total(counts, dense, form);
+      if (reaching < k && reached == k) bytes.design_seconds = 0;  // if not all reach, then as many as can
+      result = larger(result, bytes);
     }
   }
+  const double known = result.design_seconds;
   if (k > 2) consider(counts_for(std::min({reached, ReducedEnergy::most_dense, (k - 1) / 2}), true));
   if (!ReducedEnergy::is_dense(reached, k)) consider(counts_for(k, false));
+  if (reached == k && known > 0) result.design_seconds = known;
   return result;
 }
 

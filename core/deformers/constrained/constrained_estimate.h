@@ -16,6 +16,9 @@ struct ConstrainedBytes {
   std::size_t working = 0;    ///< for one design or derivative, with a Newton step
   double operations = 0;      ///< floating-point operations of the factorizations
   double seconds = 0;         ///< besides these operations
+  /// Of the solution of one design, besides solutions with the factor of the EnergySolver. Rough: the iterations are those that
+  /// designs mostly take.
+  double design_seconds = 0;
 };
 
 /// The bounds from the lower triangle of the matrix that the solver factors and the values at all points. Uses symbolic analysis,

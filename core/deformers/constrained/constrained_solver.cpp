@@ -16,9 +16,6 @@ namespace {
 
 constexpr double round_accuracy = 1e-9;  // of the prescribed displacements
 constexpr std::size_t sets_per_task = 64;
-constexpr int least_patience = 4, most_patience = 150;
-constexpr double steps_per_round = 1;  // Gauss-Newton matrices that one round of the alternation may cost
-constexpr double dense_speed = 8;      // operations of a factorization in the time of one of a triangular solution
 constexpr double direction_accuracy = 1e-3;
 constexpr int most_with_old_matrix = 12;  // iterations; a new matrix costs about as much or more
 constexpr int most_gradient_steps = 1000;
@@ -68,11 +65,7 @@ ConstrainedSolver::ConstrainedSolver(const EnergySolver& solver, const FunctionR
       patience_(options_.patience > 0 ? options_.patience : patience_by_cost()) {}
 
 int ConstrainedSolver::patience_by_cost() const {
-  if (gauss_newton_.form() == NewtonForm::none) return most_patience;
-  const double iteration =
-      12.0 * static_cast<double>(global_step_.factor().bytes()) / sizeof(double) + 40.0 * static_cast<double>(points_.entries());
-  const double ratio = steps_per_round * gauss_newton_.operations() / (dense_speed * iteration);
-  return static_cast<int>(std::clamp(ratio, double{least_patience}, double{most_patience}));
+  return newton_patience(gauss_newton_.form(), gauss_newton_.operations(), global_step_.factor().bytes(), points_.entries());
 }
 
 std::size_t ConstrainedSolver::bytes() const {

@@ -81,6 +81,8 @@ struct ConstrainedResult {
 /// Not converging is a result, not an error. Immutable; any number of threads may solve at once.
 class ConstrainedSolver {
  public:
+  static constexpr int rounds = 3;  ///< of the method of multipliers: one more than the updates of the loads
+
   struct Options {
     double tolerance = 1e-7;     ///< unit coordinates, rms over the points of the sets as the solver sees them
     int most_iterations = 3000;  ///< for one design
@@ -166,8 +168,6 @@ class ConstrainedSolver {
                                    GradientsEnd* end = nullptr) const;
   Eigen::MatrixXd linearized_solution(const ConstrainedState& at, const Eigen::MatrixXd& b, const RunContext& context,
                                       const std::vector<Vec3>* offsets = nullptr) const;
-
-  static constexpr int rounds = 3;  ///< of the method of multipliers: one more than the updates of the loads
 
   const EnergySolver& solver_;
   const Options options_;

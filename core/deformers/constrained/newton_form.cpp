@@ -46,4 +46,14 @@ NewtonChoice cheapest_newton(const NewtonSizes& sizes, std::size_t memory_limit)
   return {least == in_forces ? NewtonForm::forces : least == full ? NewtonForm::full : NewtonForm::sparse, least};
 }
 
+int newton_patience(NewtonForm form, double operations, std::size_t factor_bytes, std::size_t entries) {
+  constexpr int least_patience = 4, most_patience = 150;
+  constexpr double steps_per_round = 1;  // Gauss-Newton matrices that one round of the alternation may cost
+  constexpr double dense_speed = 8;      // operations of a factorization in the time of one of a triangular solution
+  if (form == NewtonForm::none) return most_patience;
+  const double iteration = 12.0 * static_cast<double>(factor_bytes) / sizeof(double) + 40.0 * static_cast<double>(entries);
+  const double ratio = steps_per_round * operations / (dense_speed * iteration);
+  return static_cast<int>(std::clamp(ratio, double{least_patience}, double{most_patience}));
+}
+
 }  // namespace deform

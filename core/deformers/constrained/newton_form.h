@@ -51,4 +51,8 @@ struct NewtonChoice {
 /// take at most half of `memory_limit` (bytes, 0 = unlimited).
 NewtonChoice cheapest_newton(const NewtonSizes& sizes, std::size_t memory_limit);
 
+/// The iterations of the alternation that cost as much as a Newton matrix with so many operations, 4..150; 150 without one.
+/// `factor_bytes`: of the factor of the global step. `entries`: of the values at the points of the sets.
+int newton_patience(NewtonForm form, double operations, std::size_t factor_bytes, std::size_t entries);
+
 }  // namespace deform

@@ -7,6 +7,7 @@
 
 #include "core/base/parallel.h"
 #include "core/deformers/constrained/constrained_estimate.h"
+#include "core/deformers/constrained/constrained_solver.h"
 #include "core/deformers/constrained/constraint_sets.h"
 #include "core/deformers/constrained/energy_solver.h"
 #include "core/deformers/constrained/exact_placement.h"
@@ -235,6 +236,21 @@ double held_seconds(const Sizes& sizes, const HeldWork& work) {
          (columns * (solves + uncertainty) + evaluation) / thread_count({});
 }
 
+// Seconds of a design with constraints: for a byte of the factor in the solutions of a round, and for a pair of a centre and a
+// held point in a correction of the misfit.
+constexpr double per_round_byte = 1.2e-9, per_pair_of_centre = 1.7e-8;
+
+/// One design with constraints, and with `rounds` of multipliers. The misfit is corrected for the result, for the deformation
+/// without constraints that reports compare it with, for what each round leaves, and once more with exact constraints.
+double design_seconds(const Sizes& sizes, const HeldWork& work, int rounds, bool placed) {
+  const auto centres = static_cast<double>(work.centres), following = static_cast<double>(work.following);
+  const double corrections = static_cast<double>(rounds + (placed ? 3 : 2));
+  const double correcting = corrections * per_pair_of_centre * centres * static_cast<double>(sizes.held);
+  const double evaluating = following * centres * (per_kernel + 3 * per_term) / thread_count({});
+  return sizes.constrained.design_seconds + rounds * per_round_byte * static_cast<double>(sizes.factor.factor_bytes) +
+         correcting + evaluating;
+}
+
 std::size_t tiled_bytes(std::size_t points) { return tile_count(points) * tile_size * sizeof(Vec3); }
 
 /// Exact constraints.
@@ -350,6 +366,10 @@ Estimate estimate_of(const Options& options, const Mesh& mesh, const Setup& setu
   estimate.seconds = interpolating + (sizes.factor.flops + sizes.constrained.operations) / nominal_rate + factor_bytes * 5e-9 +
                      held_seconds(sizes, work) + sizes.constrained.seconds +
                      (sizes.making_space > 0 ? sizes.making_space : static_cast<double>(sizes.assembly) * 1e-8);
+  if (!setup.constraints.empty()) {
+    estimate.design_seconds =
+        design_seconds(sizes, {0, centres, following, 0}, multipliers ? ConstrainedSolver::rounds : 1, placed);
+  }
   if (!basis && setup.constraints.empty()) {
     estimate.notes.push_back("No handle basis will be stored: every design is solved for.");
   }

@@ -270,6 +270,21 @@ TEST(CompiledDeformation, ReportsHandlesThatAreMirroredOrFlattened) {
   EXPECT_EQ(doubts(-3, -2), Texts{}) << "mirrored twice";
 }
 
+TEST(CompiledDeformation, ReportsPointsThatHaveStrayed) {
+  test::Blend blend(400);
+  for (Variable& variable : blend.content.variables) variable.lower = -10;
+  EXPECT_TRUE(Deformation(blend.content).size().stray.empty());
+  EXPECT_EQ(Deformation(blend.content).size().judged_by, bounding_box(blend.content.rest).diagonal());
+  blend.content.rest[399][1] = 1e15;
+  const Deformation deformation(blend.content);
+  // Nine tenths of the sides of the box in which the others are, 2 x 1 x 1.
+  EXPECT_NEAR(deformation.size().judged_by, 0.9 * std::sqrt(6.0), 0.1);
+  const std::vector<std::string> told = deformation.report(std::vector<double>{0.5, 0, -3, 0, 0}).doubts;
+  ASSERT_EQ(told.size(), 2u);
+  EXPECT_NE(told[0].find("is mirrored by"), std::string::npos) << told[0];
+  EXPECT_NE(told[1].find("but the bounding box is 1e+15 long"), std::string::npos) << told[1];
+}
+
 TEST(CompiledDeformation, ReportsMisfitsWhereTheBasisHasThem) {
   test::Blend blend(200);
   blend.content.misfits = true;

@@ -4,6 +4,7 @@
 #include <sys/resource.h>
 
 #include <array>
+#include <chrono>
 #include <ctime>
 #include <memory>
 #include <string>
@@ -193,6 +194,39 @@ TEST(Estimate, SecondsGrowWithWhatIsHeld) {
     EXPECT_GT(many.taken, 3 * few.taken);
     EXPECT_LT(off, 4) << method.index();
     EXPECT_GT(off, 0.25) << method.index();
+  }
+}
+
+/// A design with constraints is told within an order of magnitude, as far as a test can know that other work goes on; and that it
+/// takes longer where more points are constrained.
+TEST(Estimate, SecondsOfADesignAreToldWithConstraints) {
+  SubspaceOptions subspace;
+  subspace.centres = 300;
+  for (const MethodOptions& method : {MethodOptions{FfdOptions{}}, MethodOptions{subspace}}) {
+    deform::Setup setup = test::sheet_setup();
+    setup.method = method;
+    setup.variables.push_back({"up", "end", DesignVariable::Translate{{0.1, 0, 1}}});
+    const auto mesh = shared(test::bumpy_sheet(61, 30));
+    EXPECT_EQ(estimate(*mesh, setup).design_seconds, 0) << "without constraints";
+    double told[2] = {};
+    for (const int wide : {0, 1}) {
+      setup.constraints.clear();
+      Constraint& flat = setup.constraints.emplace_back();
+      flat.name = "flat";
+      flat.kind = Planar{};
+      flat.regions = {box({0.4, -1, -1}, {wide == 1 ? 0.8 : 0.5, 2, 1})};
+      told[wide] = estimate(*mesh, setup).design_seconds;
+      const auto system = prepare(mesh, setup);
+      double taken = 1e300;
+      for (int k = 0; k < 3; ++k) {
+        const auto start = std::chrono::steady_clock::now();
+        system->evaluate(Design{{0.05}, {}});
+        taken = std::min(taken, std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
+      }
+      EXPECT_LT(told[wide], 10 * taken) << method.index() << " " << wide;
+      EXPECT_GT(told[wide], 0.1 * taken) << method.index() << " " << wide;
+    }
+    EXPECT_GT(told[1], told[0]) << method.index();
   }
 }
 

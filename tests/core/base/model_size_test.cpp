@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "core/mesh/model_size.h"
+#include "core/base/model_size.h"
 
 #include <gtest/gtest.h>
 

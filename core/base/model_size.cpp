@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/mesh/model_size.h"
+#include "core/base/model_size.h"
 
 #include <algorithm>
 #include <cstddef>
