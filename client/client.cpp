@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "client/client.h"
 
+#include <grpc/grpc.h>
 #include <grpcpp/create_channel.h>
 
 #include <algorithm>
@@ -565,5 +566,7 @@ v1::ServerInfo Client::server_info(const CallOptions& call) {
 std::unique_ptr<Session> Client::open_session(const CallOptions& call) {
   return std::unique_ptr<Session>(new Session(open_requests(impl_, call)));
 }
+
+bool grpc_at_work() { return grpc_is_initialized() != 0; }
 
 }  // namespace deform::client

@@ -269,4 +269,8 @@ class Session {
   std::unique_ptr<RequestSession> requests_;
 };
 
+/// Whether gRPC is at work in this process, as it is while there is a Client or a session of one. It does not survive fork(): a
+/// child that is forked meanwhile must not use gRPC, nor destroy what uses it. Thread-safe.
+bool grpc_at_work();
+
 }  // namespace deform::client

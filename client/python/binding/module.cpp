@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <grpc/grpc.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include "client/client.h"
 #include "client/python/binding/bind_client.h"
 #include "client/python/binding/bind_compiled.h"
 #include "client/python/binding/bind_measures.h"
@@ -20,7 +20,7 @@ PYBIND11_MODULE(_deformd, module) {
   module.attr("pybind11_version") = PYBIND11_VERSION_HEX;
   module.def("nearest_names", &nearest_names);
   module.def("find_context", &python::find_context, pybind11::arg("name"));
-  module.def("connected", [] { return grpc_is_initialized() != 0; });
+  module.def("connected", &client::grpc_at_work);
   module.def("keep", [](const pybind11::object& it) { pybind11::object(it).release(); });  // is never destroyed
   python::register_errors();
   python::bind_record(module);
