@@ -194,6 +194,11 @@ void add_service_options(std::vector<Option>& all) {
   all.push_back({"max-deadline", "SECONDS", "a call, or a request of a DeformStream, that takes longer is ended; 0: never",
                  [](Configuration& c, const std::string& text) { c.server.service.max_deadline = parse_seconds(text); },
                  [](const Configuration& c) { return to_seconds(c.server.service.max_deadline); }});
+  all.push_back(
+      {"stall-timeout", "SECONDS",
+       "a call whose client sends nothing more of a request, or takes nothing of an answer, for so long is ended; 0: never",
+       [](Configuration& c, const std::string& text) { c.server.service.stall_timeout = parse_seconds(text); },
+       [](const Configuration& c) { return to_seconds(c.server.service.stall_timeout); }});
   all.push_back(number(
       "call-threads", "threads for calls that wait for the disk",
       [](Configuration & c) -> auto& { return c.server.service.call_threads; }));

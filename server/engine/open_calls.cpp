@@ -3,6 +3,8 @@
 
 #include <utility>
 
+#include "core/base/number_text.h"
+
 namespace deform::server {
 
 namespace {
@@ -71,6 +73,10 @@ void OpenCall::set_result_bytes(std::size_t bytes) {
   result_bytes_ = bytes;
 }
 
+void OpenCall::await(Client what) { awaited_since_[static_cast<std::size_t>(what)] = Clock::now().time_since_epoch().count(); }
+
+void OpenCall::came(Client what) { awaited_since_[static_cast<std::size_t>(what)] = 0; }
+
 bool OpenCall::end(const Error& why) {
   std::function<void()> action;
   {
@@ -126,14 +132,31 @@ std::shared_ptr<OpenCall> OpenCalls::open(OpenCall::About about, std::stop_sourc
   return opened(book_, std::move(about), std::move(stop));
 }
 
-v1::ListCallsReply OpenCalls::list(const std::optional<std::string>& tenant, std::uint64_t but, std::size_t limit) const {
-  std::vector<std::shared_ptr<OpenCall>> open;  // let go of without the lock, which the last owner of a call takes
-  {
-    const std::lock_guard lock(book_->mutex);
-    for (const auto& [id, weak] : book_->calls) {
-      if (auto call = weak.lock()) open.push_back(std::move(call));
+std::vector<std::shared_ptr<OpenCall>> OpenCalls::all() const {
+  std::vector<std::shared_ptr<OpenCall>> open;
+  const std::lock_guard lock(book_->mutex);
+  for (const auto& [id, weak] : book_->calls) {
+    if (auto call = weak.lock()) open.push_back(std::move(call));
+  }
+  return open;
+}
+
+void OpenCalls::end_stalled(std::chrono::milliseconds longest) {
+  const OpenCall::Clock::rep limit = (OpenCall::Clock::now() - longest).time_since_epoch().count();
+  const std::string time = number_digits(std::chrono::duration<double>(longest).count()) + " s (--stall-timeout)";
+  for (const auto& call : all()) {
+    for (const auto what : {OpenCall::Client::sends, OpenCall::Client::takes}) {
+      const OpenCall::Clock::rep since = call->awaited_since_[static_cast<std::size_t>(what)];
+      if (since == 0 || since > limit) continue;
+      call->end(Error(ErrorCode::deadline_exceeded, what == OpenCall::Client::sends
+                                                        ? "the client sent nothing more for " + time
+                                                        : "the client took nothing of the answer for " + time));
     }
   }
+}
+
+v1::ListCallsReply OpenCalls::list(const std::optional<std::string>& tenant, std::uint64_t but, std::size_t limit) const {
+  const std::vector<std::shared_ptr<OpenCall>> open = all();
   v1::ListCallsReply reply;
   std::uint64_t waiting = 0;
   const auto now = OpenCall::Clock::now();

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
+#include <array>
+#include <atomic>
 #include <chrono>
 #include <cstdint>
 #include <functional>
@@ -62,6 +64,12 @@ class OpenCall {
   void set_request_bytes(std::size_t bytes);
   void set_result_bytes(std::size_t bytes);
 
+  /// What a call may wait for that only its client does: that it sends the next message, or takes the one that was sent.
+  enum class Client { sends, takes };
+  /// It waits from now on, or no longer. For OpenCalls::end_stalled().
+  void await(Client what);
+  void came(Client what);
+
   /// Stops the call, which ends with this error; false when it has been asked to before.
   bool end(const Error& why);
   /// Why it was asked to end, if it was.
@@ -80,6 +88,7 @@ class OpenCall {
   const About about_;
   const Clock::time_point since_ = Clock::now();
   std::stop_source stop_;
+  std::array<std::atomic<Clock::rep>, 2> awaited_since_{};  ///< by Client; 0: not awaited
   mutable std::mutex mutex_;
   // under mutex_
   v1::CallState state_ = v1::CALL_OPEN;
@@ -102,8 +111,13 @@ class OpenCalls {
   /// How it was when it was asked to end. Throws Error(not_found); what is of another tenant does not exist.
   v1::CallInfo end(std::uint64_t id, const std::optional<std::string>& tenant, const Error& why);
   std::size_t size() const;
+  /// Ends calls that wait for their clients for longer than this.
+  void end_stalled(std::chrono::milliseconds longest);
 
  private:
+  /// Let go of without the lock of the book, which the last owner of a call takes.
+  std::vector<std::shared_ptr<OpenCall>> all() const;
+
   const OpenCallBookPtr book_ = std::make_shared<OpenCallBook>();
 };
 

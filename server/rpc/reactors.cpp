@@ -21,6 +21,8 @@ constexpr std::uint32_t draining_retry_ms = 2000;
 constexpr std::size_t longest_request_id = 128;
 /// For a call whose time is over to say so itself.
 constexpr std::chrono::milliseconds time_to_answer{500};
+/// Bytes of an answer that gRPC hands to the system whether they are read or not: the first window of HTTP/2.
+constexpr std::uint64_t taken_at_once = 65'535;
 
 double milliseconds_since(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
@@ -127,8 +129,14 @@ void CallScope::check_draining() const {
               draining_retry_ms);
 }
 
-void CallScope::cut_off_soon() {
-  const auto limit = std::chrono::steady_clock::now() + time_to_answer;
+void CallScope::cut_off_soon() { cut_off_after(time_to_answer); }
+
+void CallScope::cut_off_when_stalled() {
+  if (incoming_.stall_timeout.count() > 0) cut_off_after(incoming_.stall_timeout);
+}
+
+void CallScope::cut_off_after(std::chrono::milliseconds time) {
+  const auto limit = std::chrono::steady_clock::now() + time;
   const std::lock_guard lock(admission_mutex_);
   if (left_ || cut_off_) return;
   cut_off_ = limit;
@@ -237,6 +245,7 @@ void UnaryCall::answer() {
     scope_.record.bytes_out = reply_->Length();
     scope_.hold(reply_->Length());  // until it is read
   });
+  if (scope_.record.bytes_out > taken_at_once) scope_.cut_off_when_stalled();
   Finish(scope_.finish(std::move(error)));  // this may be gone when it returns
 }
 
@@ -334,6 +343,7 @@ void ReplyWriter<Reactor>::advance() {
       const std::lock_guard lock(mutex_);
       state_ = State::writing;
     }
+    scope_.await(OpenCall::Client::takes);
     this->StartWrite(&reply_);
     return;
   }
@@ -351,6 +361,7 @@ void ReplyWriter<Reactor>::end(std::optional<Error> error) {
 
 template <typename Reactor>
 void ReplyWriter<Reactor>::OnWriteDone(bool ok) {
+  scope_.came(OpenCall::Client::takes);
   if (!ok) given_up_ = true;
   scope_.record.stream_ms += milliseconds_since(write_started_);
   {
@@ -391,6 +402,7 @@ grpc::ServerReadReactor<grpc::ByteBuffer>* RequestStream::launch(std::shared_ptr
     call->answer(std::move(refused), nullptr);
   } else {
     call->state_ = State::reading;
+    call->scope_.await(OpenCall::Client::sends);
     call->StartRead(&call->request_);
     call->watch_operator();
   }
@@ -413,6 +425,7 @@ void RequestStream::watch_operator() {
 }
 
 void RequestStream::OnReadDone(bool ok) {
+  scope_.came(OpenCall::Client::sends);
   {
     const std::lock_guard lock(mutex_);
     if (state_ == State::finished) return;  // answered while it was read
@@ -453,6 +466,7 @@ void RequestStream::handle(Came what) {
     if (ended) then = Then::later;
   }
   if (then == Then::read) {
+    scope_.await(OpenCall::Client::sends);
     StartRead(&request_);
   } else if (scope_.call().stop.stop_requested()) {
     answer(scope_.given_up(), nullptr);  // OnCancel came while we were handling and left the end to us

@@ -63,8 +63,9 @@ struct Incoming {
   HeldRequests* held = nullptr;
   FloodGuard* floods = nullptr;
   RequestRates* rates = nullptr;
-  std::chrono::milliseconds max_deadline{0};  ///< 0: none
-  const grpc::ByteBuffer* request = nullptr;  ///< of a call with one
+  std::chrono::milliseconds max_deadline{0};   ///< 0: none
+  std::chrono::milliseconds stall_timeout{0};  ///< 0: none
+  const grpc::ByteBuffer* request = nullptr;   ///< of a call with one
 };
 
 /// What every call has beside its mechanics. The record belongs to whoever has the turn of the call.
@@ -98,6 +99,11 @@ class CallScope {
   void note_subject() const { call_.open->set_subject(record.geometry, record.system); }
   /// The connection is told in a moment that the call is over, should it not have ended by itself.
   void cut_off_soon();
+  /// The same when the client does not take the answer for as long as it may.
+  void cut_off_when_stalled();
+  /// The call waits for its client from now on, or no longer.
+  void await(OpenCall::Client what) const { call_.open->await(what); }
+  void came(OpenCall::Client what) const { call_.open->came(what); }
   /// Throws Error(cancelled) or Error(deadline_exceeded) when the answer has no reader any more.
   void check() const;
   /// Why a call ends that the transport or the operator gave up.
@@ -113,6 +119,7 @@ class CallScope {
 
  private:
   const google::protobuf::Descriptor& request_type() const;
+  void cut_off_after(std::chrono::milliseconds time);
 
   const Incoming incoming_;
   std::vector<HeldRequests::Held> held_;

@@ -44,7 +44,7 @@ constexpr std::chrono::milliseconds give_back_interval{500};
 constexpr std::chrono::milliseconds shed_interval{200};
 /// A thread that has not come round for so long hangs.
 constexpr std::chrono::seconds watch_patience{10};
-constexpr int watch_turns = 25;  ///< every so many of these the store and the identities are looked at
+constexpr int watch_turns = 25;  ///< every so many of these the store, the identities and calls that stall are looked at
 constexpr double full_memory = 0.9;
 /// Looking at connections takes at most a twentieth of the time.
 constexpr int look_pause = 20;
@@ -448,6 +448,7 @@ class GrpcServer final : public RunningServer {
       turn = (turn + 1) % watch_turns;
       if (turn != 0) continue;
       trim_memory();
+      service_.end_stalled_calls();
       service_.refresh_access();
       const v1::StoreInfo store = engine_->store();
       if (store.writable() == writable) continue;

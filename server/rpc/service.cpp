@@ -92,6 +92,9 @@ class DeformService::Methods final : public RawService {
   void refresh_access() { access_.refresh(); }
   void set_draining(bool draining);
   void set_max_deadline(std::chrono::milliseconds limit) { max_deadline_ms_ = limit.count(); }
+  void end_stalled_calls() {
+    if (options_.stall_timeout.count() > 0) calls_.end_stalled(options_.stall_timeout);
+  }
   AdminService& admin() { return admin_; }
   void set_memory_full(bool full) { memory_full_ = full; }
   void on_flood(std::function<void(const std::string&)> action) { floods_.on_flood(std::move(action)); }
@@ -251,6 +254,7 @@ class DeformService::Methods final : public RawService {
     call.floods = &floods_;
     call.rates = &rates_;
     call.max_deadline = max_deadline();
+    call.stall_timeout = options_.stall_timeout;
     call.request = request;
     return call;
   }
@@ -337,6 +341,8 @@ grpc::Service& DeformService::admin_service() { return methods_->admin().grpc_se
 void DeformService::set_admin_actions(AdminActions actions) { methods_->admin().set_actions(std::move(actions)); }
 void DeformService::drain() { methods_->drain(); }
 void DeformService::set_draining(bool draining) { methods_->set_draining(draining); }
+void DeformService::end_stalled_calls() { methods_->end_stalled_calls(); }
+
 void DeformService::set_max_deadline(std::chrono::milliseconds limit) { methods_->set_max_deadline(limit); }
 void DeformService::set_memory_full(bool full) { methods_->set_memory_full(full); }
 void DeformService::on_flood(std::function<void(const std::string&)> action) { methods_->on_flood(std::move(action)); }

@@ -23,9 +23,11 @@ namespace deform::server {
 struct ServiceOptions {
   StreamLimits stream;
   std::chrono::milliseconds max_deadline{0};  ///< of a call, or of a request of a DeformStream; 0: none but the client's
-  Access::Options access;                     ///< who may call
-  int call_threads = 8;                       ///< for engine calls that wait for the disk
-  std::size_t waiting_calls = 1024;           ///< of those; more are refused with a retry hint
+  /// That a call waits for its client to send what is missing, or to take what was sent; 0: for ever.
+  std::chrono::milliseconds stall_timeout{600'000};
+  Access::Options access;                               ///< who may call
+  int call_threads = 8;                                 ///< for engine calls that wait for the disk
+  std::size_t waiting_calls = 1024;                     ///< of those; more are refused with a retry hint
   std::size_t max_setup_bytes = std::size_t{64} << 20;  ///< of a setup that comes in pieces
 
   /// Throws Error(invalid_argument) naming the option and its limits.
@@ -52,6 +54,8 @@ class DeformService {
   void set_draining(bool draining);
   /// The limit of the time of calls that begin later; 0: none. Any thread.
   void set_max_deadline(std::chrono::milliseconds limit);
+  /// Ends calls that wait for their clients for longer than ServiceOptions::stall_timeout. Any thread; called every second.
+  void end_stalled_calls();
   /// While it is so, calls that compute or add are refused with a retry hint; what is under way goes on. Any thread.
   void set_memory_full(bool full);
   bool memory_full() const;

@@ -374,6 +374,96 @@ class Held(Attack):
         self.assertGreater(self.figure("deformd_requests_held_bytes"), 10 * MIB, "the answers are charged")
 
 
+class Stalled(Attack):
+    """Clients that say nothing more, and ones that listen to nothing, are not waited for."""
+
+    options = ["--stall-timeout", "2"]
+
+    def stay(self, method, messages):
+        """Sends these and no end; the call ends by itself, with its code and details."""
+        release = threading.Event()
+        self.addCleanup(release.set)
+
+        def requests():
+            yield from messages
+            release.wait(30)
+
+        began = time.monotonic()
+        call = getattr(self.stub(), method)
+        if method in ("PrepareLarge", "Evaluate", "DeformStream"):
+            call = call(requests(), timeout=25)
+            with contextlib.suppress(grpc.RpcError):
+                list(call)
+        else:
+            call = call.future(requests(), timeout=25)
+        code, details = call.code(), call.details()
+        self.assertIn("--stall-timeout", details, method)
+        self.assertEqual(code, grpc.StatusCode.DEADLINE_EXCEEDED, method)
+        self.assertTrue(1.9 < time.monotonic() - began < 20, method)
+
+    def test_requests_that_never_end(self):
+        points = deformation_pb2.VectorJacobianRequest(header=dict(system_id=self.system.id, variables=[0, 0, 0]))
+        upload = geometry_pb2.RegisterGeometryRequest(header=dict(point_count=1000, face_count=1, corner_count=3, name="x"))
+        half = deformation_pb2.DeformStreamRequest(request_id=1, more=True)
+        half.request.CopyFrom(self.request)
+        cases = [("VectorJacobian", [points]), ("RegisterGeometry", [upload]), ("RegisterGeometry", []),
+                 ("EstimateLarge", [deformation_pb2.EstimateLargeRequest(header=dict(setup=dict(bytes=1000)))]),
+                 ("PrepareLarge", [deformation_pb2.PrepareLargeRequest(header=dict(setup=dict(bytes=1000)))]),
+                 ("Evaluate", [deformation_pb2.EvaluateRequest(header=dict(system_id=self.system.id, design=dict(variables=[0, 0, 0])))]),
+                 ("DeformStream", [half])]
+        in_threads(len(cases), lambda k: self.stay(*cases[k]))
+
+    def test_slow_requests_are_taken(self):
+        """A population whose messages come one a second, five in all."""
+        def requests():
+            for k in range(5):
+                message = deformation_pb2.DeformStreamRequest(request_id=1, more=k < 4)
+                if k == 0:
+                    message.request.CopyFrom(self.request)
+                message.request.designs.add(variables=[0.1, 0.2, 0.1])
+                yield message
+                time.sleep(1)
+
+        replies = list(self.stub().DeformStream(requests(), timeout=30))
+        self.assertEqual([reply.error.message for reply in replies if reply.HasField("error")], [])
+        self.assertEqual(sum(reply.HasField("result") for reply in replies), 6)
+
+    def test_streams_may_rest_between_requests(self):
+        go_on = threading.Event()
+
+        def requests():
+            for k in range(2):
+                yield deformation_pb2.DeformStreamRequest(request_id=k + 1, request=self.request)
+                go_on.wait(6)
+
+        self.assertEqual(sum(reply.HasField("summary") for reply in self.stub().DeformStream(requests(), timeout=30)), 2)
+
+    def test_answers_that_nobody_takes(self):
+        """Populations, over connections with a small window; their memory is free again."""
+        population = deformation_pb2.DeformRequest(system_id=self.system.id, output=dict(encoding=deformation_pb2.RAW_F64))
+        population.designs.extend([deformation_pb2.Design(variables=[0.1, 0, 0])] * 400)  # in one frame
+        for _ in range(20):
+            connection = http2.Connection(self.server.port)
+            connection.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_WINDOW_CLAMP, 1024)
+            self.connections.append(connection)
+            message = population.SerializeToString()
+            stream = connection.next_stream()
+            connection.send(http2.frame(http2.HEADERS, http2.END_HEADERS, stream, http2.call_headers("Deform")) +
+                            http2.frame(http2.DATA, http2.END_STREAM, stream, b"\0" + struct.pack(">I", len(message)) + message))
+        deadline = time.monotonic() + 5
+        while self.figure("deformd_memory_charged_bytes") < self.charged + 5 * MIB and time.monotonic() < deadline:
+            time.sleep(0.05)
+        self.assertGreater(self.figure("deformd_memory_charged_bytes"), self.charged + 5 * MIB, "they wait")
+        deadline = time.monotonic() + 15
+        while self.figure("deformd_memory_charged_bytes") > self.charged + MIB and time.monotonic() < deadline:
+            time.sleep(0.1)
+        self.assertLess(self.figure("deformd_memory_charged_bytes"), self.charged + MIB, "nobody waits any more")
+
+    def setUp(self):
+        super().setUp()
+        self.charged = self.figure("deformd_memory_charged_bytes")
+
+
 class Frames(Attack):
     """What no client library sends, to a server that listens on all addresses of this machine."""
 

@@ -125,6 +125,7 @@ TEST_F(Options, EveryOptionCanBeSetInEveryWay) {
                                                      {"grace", "24"},
                                                      {"log-level", "debug"},
                                                      {"max-deadline", "29"},
+                                                     {"stall-timeout", "33"},
                                                      {"log-format", "json"},
                                                      {"log-calls", "31"},
                                                      {"log-file", "l"}};

@@ -11,7 +11,12 @@ namespace deform::server {
 EvaluateStreamCall::EvaluateStreamCall(Engine& engine, const Incoming& incoming)
     : ReplyWriter("Evaluate", incoming), engine_(engine) {}
 
-void EvaluateStreamCall::begin() { StartRead(&message_); }
+void EvaluateStreamCall::begin() { read(); }
+
+void EvaluateStreamCall::read() {
+  scope_.await(OpenCall::Client::sends);
+  StartRead(&message_);
+}
 
 std::shared_ptr<EvaluateJob> EvaluateStreamCall::job() {
   const std::lock_guard lock(mutex_);
@@ -21,6 +26,7 @@ std::shared_ptr<EvaluateJob> EvaluateStreamCall::job() {
 // ---- reading ----
 
 void EvaluateStreamCall::OnReadDone(bool ok) {
+  scope_.came(OpenCall::Client::sends);
   auto error = caught([&] { ok ? take(message_) : half_closed(); });
   message_.Clear();  // the next one may never come, and this one is charged no longer
   {
@@ -74,7 +80,7 @@ void EvaluateStreamCall::read_on() {
     if (reading_ != Reading::paused || !job_ || !job_->has_room()) return;
     reading_ = Reading::under_way;
   }
-  StartRead(&message_);
+  read();
 }
 
 // ---- writing ----

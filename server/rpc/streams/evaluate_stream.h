@@ -25,6 +25,7 @@ class EvaluateStreamCall final : public ReplyWriter<BidiReactor> {
   enum class Reading { under_way, handling, paused, closed };
 
   void begin() override;
+  void read();
   Next next(grpc::ByteBuffer& reply) override;
   void stop() noexcept override;
   void done() noexcept override;

@@ -132,12 +132,18 @@ void LargeEstimateCall::half_closed() {
 LargePrepareCall::LargePrepareCall(Engine& engine, std::size_t most_bytes, const Incoming& incoming, ThreadPool& pool)
     : ReplyWriter("PrepareLarge", incoming), engine_(engine), pool_(pool), pieces_(most_bytes) {}
 
-void LargePrepareCall::begin() { StartRead(&message_); }
+void LargePrepareCall::begin() { read(); }
+
+void LargePrepareCall::read() {
+  scope_.await(OpenCall::Client::sends);
+  StartRead(&message_);
+}
 
 void LargePrepareCall::OnReadDone(bool ok) {
+  scope_.came(OpenCall::Client::sends);
   auto error = caught([&] { ok ? take(message_) : half_closed(); });
   message_.Clear();  // the next one may never come, and this one is charged no longer
-  if (!error) return ok ? StartRead(&message_) : void();
+  if (!error) return ok ? read() : void();
   {
     const std::lock_guard lock(mutex_);
     failure_ = std::move(error);

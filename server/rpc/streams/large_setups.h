@@ -62,6 +62,7 @@ class LargePrepareCall final : public ReplyWriter<BidiReactor> {
 
  private:
   void begin() override;
+  void read();
   Next next(grpc::ByteBuffer& reply) override;
   void stop() noexcept override {}  // the stop token tells
   void done() noexcept override;

@@ -78,6 +78,8 @@ class StreamRequests {
   std::deque<RequestPtr> all() const;
 
   bool empty() const { return open_.empty(); }
+  /// Of some request the last message has not come.
+  bool waits_for_more() const { return open_.size() > complete_; }
   std::size_t size() const { return open_.size(); }
   /// False while too many bytes are buffered and some request that holds them will end by itself.
   bool may_read() const { return bytes_ < limits_.buffered_bytes || complete_ == 0; }

@@ -59,6 +59,7 @@ void DeformStreamCall::drain() {
 // ---- reading ----
 
 void DeformStreamCall::OnReadDone(bool ok) {
+  scope_.came(OpenCall::Client::sends);
   {
     const std::lock_guard lock(mutex_);
     reading_ = ok ? Reading::handling : Reading::closed;
@@ -112,6 +113,8 @@ void DeformStreamCall::read_on() {
     const bool room = requests_.may_read() && refused_.size() < max_waiting_refusals;
     if (reading_ != Reading::paused || !room) return;
     reading_ = Reading::under_way;
+    // Between requests the stream may rest as long as it likes.
+    if (requests_.waits_for_more()) scope_.await(OpenCall::Client::sends);
   }
   StartRead(&message_);
 }
