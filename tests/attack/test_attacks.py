@@ -252,6 +252,39 @@ class LargeSetups(Attack):
         self.assertEqual(len(self.service.ListSystems(deformation_pb2.ListSystemsRequest(), timeout=30).systems), 7)
 
 
+def small_window(attack):
+    """A connection that takes next to nothing."""
+    connection = http2.Connection(attack.server.port)
+    connection.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_WINDOW_CLAMP, 1024)
+    attack.connections.append(connection)
+    return connection
+
+
+def call_frames(connection, method, message):
+    """Of a call with one message, which fits into one frame."""
+    stream = connection.next_stream()
+    return (http2.frame(http2.HEADERS, http2.END_HEADERS, stream, http2.call_headers(method)) +
+            http2.frame(http2.DATA, http2.END_STREAM, stream, b"\0" + struct.pack(">I", len(message)) + message))
+
+
+def ask_for_setups(attack, connections):
+    """Setups of 0.5 MB, asked for 40 times by each connection, which reads no answer."""
+    large = register_large(attack.service)
+    setup = setup_pb2.Setup(geometry=large.id)
+    setup.method.rbf.SetInParent()
+    handle = setup.handles.add(name="h")
+    few, many = handle.region.intersection.add(), handle.region.intersection.add()
+    few.ids.extend(range(20))
+    many.ids.extend(range(150_000))
+    system = list(attack.service.Prepare(deformation_pb2.PrepareRequest(setup=setup), timeout=60))[-1].system
+    attack.assertGreater(attack.service.GetSystem(deformation_pb2.GetSystemRequest(id=system.id)).ByteSize(), 400_000)
+    request = deformation_pb2.GetSystemRequest(id=system.id).SerializeToString()
+    for _ in range(connections):
+        connection = small_window(attack)
+        for _ in range(40):
+            connection.send(call_frames(connection, "GetSystem", request))
+
+
 class Held(Attack):
     """Calls that are begun and never ended, replies that nobody reads."""
 
@@ -351,25 +384,7 @@ class Held(Attack):
 
     def test_replies_that_nobody_reads(self):
         """Setups of 0.5 MB, asked for 4,000 times; nobody reads the answers."""
-        large = register_large(self.service)
-        setup = setup_pb2.Setup(geometry=large.id)
-        setup.method.rbf.SetInParent()
-        handle = setup.handles.add(name="h")
-        few, many = handle.region.intersection.add(), handle.region.intersection.add()
-        few.ids.extend(range(20))
-        many.ids.extend(range(150_000))
-        system = list(self.service.Prepare(deformation_pb2.PrepareRequest(setup=setup), timeout=60))[-1].system
-        self.assertGreater(self.service.GetSystem(deformation_pb2.GetSystemRequest(id=system.id)).ByteSize(), 400_000)
-        request = deformation_pb2.GetSystemRequest(id=system.id).SerializeToString()
-        for _ in range(100):
-            connection = http2.Connection(self.server.port)
-            connection.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_WINDOW_CLAMP, 1024)
-            self.connections.append(connection)
-            for _ in range(40):
-                stream = connection.next_stream()
-                connection.send(http2.frame(http2.HEADERS, http2.END_HEADERS, stream, http2.call_headers("GetSystem")) +
-                                http2.frame(http2.DATA, http2.END_STREAM, stream,
-                                            b"\0" + struct.pack(">I", len(request)) + request))
+        ask_for_setups(self, 100)
         time.sleep(4)
         self.assertGreater(self.figure("deformd_requests_held_bytes"), 10 * MIB, "the answers are charged")
 
@@ -443,21 +458,21 @@ class Stalled(Attack):
         population = deformation_pb2.DeformRequest(system_id=self.system.id, output=dict(encoding=deformation_pb2.RAW_F64))
         population.designs.extend([deformation_pb2.Design(variables=[0.1, 0, 0])] * 400)  # in one frame
         for _ in range(20):
-            connection = http2.Connection(self.server.port)
-            connection.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_WINDOW_CLAMP, 1024)
-            self.connections.append(connection)
-            message = population.SerializeToString()
-            stream = connection.next_stream()
-            connection.send(http2.frame(http2.HEADERS, http2.END_HEADERS, stream, http2.call_headers("Deform")) +
-                            http2.frame(http2.DATA, http2.END_STREAM, stream, b"\0" + struct.pack(">I", len(message)) + message))
-        deadline = time.monotonic() + 5
-        while self.figure("deformd_memory_charged_bytes") < self.charged + 5 * MIB and time.monotonic() < deadline:
+            connection = small_window(self)
+            connection.send(call_frames(connection, "Deform", population.SerializeToString()))
+        self.wait_for("deformd_memory_charged_bytes", lambda bytes: bytes > self.charged + 5 * MIB)
+        self.wait_for("deformd_memory_charged_bytes", lambda bytes: bytes < self.charged + MIB)
+
+    def test_large_answers_that_nobody_takes(self):
+        ask_for_setups(self, 20)
+        self.wait_for("deformd_requests_held_bytes", lambda bytes: bytes > 10 * MIB)
+        self.wait_for("deformd_requests_held_bytes", lambda bytes: bytes < MIB)
+
+    def wait_for(self, name, condition):
+        deadline = time.monotonic() + 20
+        while not condition(self.figure(name)):
+            self.assertLess(time.monotonic(), deadline, f"{name} {self.figure(name)}")
             time.sleep(0.05)
-        self.assertGreater(self.figure("deformd_memory_charged_bytes"), self.charged + 5 * MIB, "they wait")
-        deadline = time.monotonic() + 15
-        while self.figure("deformd_memory_charged_bytes") > self.charged + MIB and time.monotonic() < deadline:
-            time.sleep(0.1)
-        self.assertLess(self.figure("deformd_memory_charged_bytes"), self.charged + MIB, "nobody waits any more")
 
     def setUp(self):
         super().setUp()
