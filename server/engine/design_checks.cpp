@@ -23,7 +23,31 @@ std::size_t quality_bytes(const Mesh& mesh) {
   return 128 * items + 4 * mesh.face_points.size();
 }
 
+/// Left-handed is what is so at rest.
+PolyhedralLimits polyhedral_limits(const Mesh& mesh) {
+  PolyhedralLimits limits;
+  limits.left_handed = left_handed_cells(mesh.points, *cell_set(mesh));
+  return limits;
+}
+
 }  // namespace
+
+std::size_t SevereFaces::bytes_for(const Mesh& mesh) { return quality_bytes(mesh); }
+
+SevereFaces::SevereFaces(const Mesh& mesh, const Points& rest, const RunContext& context) {
+  const PolyhedralLimits limits = polyhedral_limits(mesh);
+  for (const double angle : polyhedral_quality(rest, *mesh.cells, limits, context).face_non_orthogonality) {
+    severe_.push_back(angle > limits.non_orthogonality ? 1 : 0);
+  }
+}
+
+std::uint64_t SevereFaces::appeared(std::span<const double> non_orthogonality) const {
+  std::uint64_t count = 0;
+  for (std::size_t f = 0; f < severe_.size(); ++f) {
+    count += severe_[f] == 0 && non_orthogonality[f] > PolyhedralLimits{}.non_orthogonality ? 1 : 0;
+  }
+  return count;
+}
 
 std::shared_ptr<const InversionCheck> CellCheckCache::get(const Mesh& mesh, const CellSet& cells,
                                                           const DisplacementFields* fields, MemoryBudget& budget,
@@ -102,17 +126,12 @@ std::unique_ptr<const DesignChecker> DesignChecker::make(std::shared_ptr<const R
   const bool plane = cells && std::holds_alternative<const Mesh*>(*cells);
   const auto fields = cells && !plane ? system->system->displacement_fields() : nullptr;
   if (cells) bytes += InversionCheck::bytes_for(*cells, mesh.points.size());
-  if (quality) bytes += quality_bytes(mesh) + (mesh.cells ? mesh.cells->internal_faces() : 0);
+  if (quality) bytes += quality_bytes(mesh);
   if (checks.splitting) bytes += estimate_substep(mesh, system->setup, *cells).peak_bytes;
   checker->charge_ = budget.charge(bytes, {checks.splitting ? "splitting designs" : "checking the cells of designs",
                                            "set check: CELL_CHECK_OFF and no splitting, or raise the server's memory budget", 0});
   if (cells) checker->inversions_ = system->cell_check.get(mesh, *cells, fields.get(), budget, context);
-  if (quality && mesh.cells) {
-    const PolyhedralLimits limits;
-    for (const double angle : polyhedral_quality(mesh.points, *mesh.cells, limits, context).face_non_orthogonality) {
-      checker->severe_at_rest_.push_back(angle > limits.non_orthogonality ? 1 : 0);
-    }
-  }
+  if (quality && mesh.cells) checker->severe_ = system->severe_check.get(mesh, budget, context);
   if (checks.splitting) checker->designs_ = designs();
   checker->system_ = std::move(system);
   return checker;
@@ -174,18 +193,11 @@ void DesignChecker::split(std::size_t design, Points& points, const SafeAmplitud
 
 v1::QualityReport DesignChecker::quality(const Points& points, v1::CellReport* cells) const {
   const Mesh& mesh = *system_->mesh;
-  // Left-handed is what is so at rest.
   const auto left_handed = [&] { return left_handed_cells(mesh.points, *cells_); };
   if (mesh.cells) {
-    PolyhedralLimits limits;
-    limits.left_handed = left_handed();
-    const PolyhedralQuality measured = polyhedral_quality(points, *mesh.cells, limits);
+    const PolyhedralQuality measured = polyhedral_quality(points, *mesh.cells, polyhedral_limits(mesh));
     if (cells != nullptr) {
-      std::uint64_t appeared = 0;
-      for (std::size_t f = 0; f < severe_at_rest_.size(); ++f) {
-        appeared += severe_at_rest_[f] == 0 && measured.face_non_orthogonality[f] > limits.non_orthogonality ? 1 : 0;
-      }
-      cells->set_non_orthogonal_faces(appeared);
+      cells->set_non_orthogonal_faces(severe_->appeared(measured.face_non_orthogonality));
       cells->set_largest_non_orthogonality(measured.largest_non_orthogonality.value);
       cells->set_largest_non_orthogonality_face(static_cast<std::uint32_t>(measured.largest_non_orthogonality.id));
     }

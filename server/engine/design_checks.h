@@ -59,6 +59,22 @@ class FaceCheckCache {
   mutable Charge charge_;
 };
 
+/// The internal faces of polyhedral cells that are severely non-orthogonal at rest, by the formula and limit of checkMesh.
+/// For a FaceCheckCache. Immutable.
+class SevereFaces {
+ public:
+  /// At most, while it is made.
+  static std::size_t bytes_for(const Mesh& mesh);
+  SevereFaces(const Mesh& mesh, const Points& rest, const RunContext& context);
+
+  std::size_t bytes() const { return severe_.size(); }
+  /// How many of them are so by these angles, degrees, one for each internal face, and were not at rest.
+  std::uint64_t appeared(std::span<const double> non_orthogonality) const;
+
+ private:
+  std::vector<char> severe_;  ///< of each internal face
+};
+
 /// What a request wants to know or have of each of its designs as a whole.
 struct DesignChecks {
   v1::CellCheck check = v1::SAFE_AMPLITUDE;
@@ -115,7 +131,7 @@ class DesignChecker {
   std::shared_ptr<const FlipCheck> flips_;                  ///< null: there are no faces, or they are not to be looked at
   std::shared_ptr<const IntersectionCheck> intersections_;  ///< null: not asked for, or like flips_
   std::vector<Design> designs_;
-  std::vector<char> severe_at_rest_;  ///< of the internal faces of polyhedral cells whose quality is asked for
+  std::shared_ptr<const SevereFaces> severe_;  ///< null: no polyhedral cells whose quality is asked for
   Charge charge_;
 };
 

@@ -48,6 +48,7 @@ struct ResidentSystem {
   CellCheckCache cell_check;
   FaceCheckCache<FlipCheck> flip_check;
   FaceCheckCache<IntersectionCheck> intersection_check;
+  FaceCheckCache<SevereFaces> severe_check;
 
   /// model_size() of its mesh, asked once. Thread-safe.
   const ModelSize& size() const;

@@ -84,6 +84,9 @@ class OpenFoam(EndToEnd):
             self.assertEqual([int(reason.split()[0]) for reason in told], [severe] if any_are else [])
             self.assertTrue(not any_are or report["verdict"] != "good")
             self.assertFalse(any("non-orthogonal" in reason for reason in self.deform(*apply, expect=None).json["report"]["reasons"]))
+        self.write("moved.yaml", ROOF_LIFT.replace("upper: 0.5", "upper: 2").replace("geometry: case", "geometry: case/1.3").replace("0.5, 2]", "0.5, 4]"))
+        rest = self.deform("apply", "moved.yaml", "--set", "lift=0", "-o", "case/9", "--json", "--keep-bad", "--check", "quality", expect=None).json["report"]
+        self.assertFalse(any("non-orthogonal" in reason for reason in rest["reasons"]), "they are so at rest")
 
     def test_a_sweep_writes_time_folders(self):
         before, _ = self.case("pipe_tet")
