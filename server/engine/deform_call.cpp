@@ -76,7 +76,7 @@ void DeformCall::charge(Bound& bound, std::size_t binding) const {
     const StepPlan& plan = bound.plan;
     const std::size_t looking = plan.gathers() ? plan.open_groups(workers) * bound.checker->check_faces_bytes() : 0;
     try {
-      bound.charge = parts_.memory->charge_call(binding + looking + plan.buffer_bytes(workers), purpose);
+      bound.charge = parts_.memory->charge_call(binding + looking + plan.buffer_bytes(workers), purpose, context().share());
       return;
     } catch (const Error& error) {
       if (error.code() != ErrorCode::out_of_budget || !plan.gathers() || plan.group() == 1) throw;

@@ -15,6 +15,7 @@
 #include "core/base/run_context.h"
 #include "core/base/types.h"
 #include "deform/v1/service.pb.h"
+#include "server/engine/memory.h"
 #include "server/engine/open_calls.h"
 #include "server/store/store_commands.h"
 #include "server/store/tenant.h"
@@ -53,8 +54,11 @@ struct CallContext {
   std::string client;                                 ///< who asks: the requests of one client take turns with those of others
   std::string tenant = default_tenant;                ///< whose geometries and systems the call sees, adds to and takes away from
   Quota quota = {};                                   ///< of the tenant
+  std::shared_ptr<MemoryMeter> in_flight = nullptr;   ///< bytes of the tenant's calls; null: nobody counts them
   std::shared_ptr<WarmStarts> warm_starts = nullptr;  ///< of a stream
   std::shared_ptr<OpenCall> open = nullptr;           ///< what its operator sees of it; may be absent
+
+  TenantShare share() const { return {tenant, in_flight, quota.bytes_in_flight}; }
 };
 
 /// What the log line of a call tells, in milliseconds and bytes.
@@ -104,8 +108,8 @@ class DeformJob {
 class EvaluateJob {
  public:
   virtual ~EvaluateJob() = default;
-  /// Whether there is room for a block: after the first reply, and again whenever poll() gave a block.
-  virtual bool has_room() const = 0;
+  /// Whether there is room for a block: after the first reply, and again whenever poll() gave a block. Of the thread that adds.
+  virtual bool has_room() = 0;
   /// The next block. Throws Error(invalid_argument) naming it and the limit; the job has to be cancelled then.
   virtual void add(v1::Block&& block) = 0;
   /// There are no more blocks.

@@ -477,8 +477,8 @@ void EngineImpl::vector_jacobian(const v1::VectorJacobianHeader& header, Points 
   task.source = factory_.of_stored({call.tenant, task.system_id}, Needs::basis, call.quota);
   // As they came, one by one, at the following points, and as the columns of sums.
   const std::size_t bytes = (count == 1 ? 2 : 4) * cotangents.size() * sizeof(Vec3);
-  const auto charge = std::make_shared<Charge>(
-      memory_.charge_call(bytes, {"vector-Jacobian product", "send fewer cotangents, or raise the server's memory budget", 0}));
+  const auto charge = std::make_shared<Charge>(memory_.charge_call(
+      bytes, {"vector-Jacobian product", "send fewer cotangents, or raise the server's memory budget", 0}, call.share()));
   task.compute = [header, charge, count, given = std::make_shared<Points>(std::move(cotangents))](
                      const SystemCache::Handle& system, const RunContext& context) {
     const std::size_t points = system->mesh->point_count();
@@ -524,11 +524,12 @@ void EngineImpl::get_basis(const v1::GetBasisRequest& request, const CallContext
   BasisCall::Task task;
   task.system_id = resolve_system(call.tenant, request.system_id()).id;
   task.source = factory_.of_stored({call.tenant, task.system_id}, Needs::basis, call.quota);
-  task.compute = [this, tenant = call.tenant, mesh = request.mesh()](const SystemCache::Handle& system,
-                                                                     const RunContext&) -> std::shared_ptr<BasisRecords> {
-    Charge charge = memory_.charge(
+  task.compute = [this, tenant = call.tenant, share = call.share(), mesh = request.mesh()](
+                     const SystemCache::Handle& system, const RunContext&) -> std::shared_ptr<BasisRecords> {
+    Charge charge = memory_.charge_call(
         CompiledForm::bytes_for(*system->system) + CompiledRecords::working_bytes,
-        {"compiling system " + system->info.id().substr(0, 16), "raise the server's memory budget", system->system->bytes()});
+        {"compiling system " + system->info.id().substr(0, 16), "raise the server's memory budget", system->system->bytes()},
+        share);
     const std::string name = mesh.empty() ? store_->info({tenant, system->info.geometry_id()}).name() : mesh;
     return std::make_shared<CompiledRecords>(system, name, std::move(charge));
   };

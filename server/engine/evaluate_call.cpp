@@ -82,6 +82,7 @@ void EvaluateCall::start(const SystemCache::Handle& system) {
   bound_ = std::move(bound);
   task_.bind = nullptr;  // owns the request
   task_.bind_bytes = nullptr;
+  note_bytes();
   push_info();
   push_result_when_done();
   slot_.leave();  // until there is a block
@@ -95,12 +96,9 @@ std::shared_ptr<EvaluateCall::Bound> EvaluateCall::bind(const SystemCache::Handl
   bound->output = convert::encode_options(task_.output, system->info.diagonal());
   const System::SpaceBytes space = system->system->space_bytes(most_points);
   // Of a block: as it came, decoded, moved, encoded (integers and bytes), and what evaluating takes.
-  const std::size_t block = 5 * most_points * sizeof(Vec3) + space.call;
+  bound->block_bytes = 5 * most_points * sizeof(Vec3) + space.call;
   const std::size_t binding = task_.bind_bytes(*system) + space.map;
-  bound->charge = parts_.memory->charge_call(binding + window() * block,
-                                             {"evaluating system " + task_.system_id.substr(0, 16) + " at other points",
-                                              "raise the server's memory budget", system->charge.bytes()});
-  if (context().open) context().open->set_result_bytes(bound->charge.bytes());
+  bound->charge = parts_.memory->charge_call(binding + bound->block_bytes, purpose(system->charge.bytes()), context().share());
   bound->map = task_.bind(*system, run_context(threads));
   if (const auto beyond = beyond_digits(bound->map->report().prescribed_displacement, system->info.diagonal())) {
     throw Error(ErrorCode::invalid_argument, "design: " + *beyond);
@@ -108,9 +106,31 @@ std::shared_ptr<EvaluateCall::Bound> EvaluateCall::bind(const SystemCache::Handl
   return bound;
 }
 
-bool EvaluateCall::has_room() const {
+ChargePurpose EvaluateCall::purpose(std::size_t held) const {
+  return {"evaluating system " + task_.system_id.substr(0, 16) + " at other points", "raise the server's memory budget", held};
+}
+
+bool EvaluateCall::has_room() {
+  std::shared_ptr<Bound> bound;
+  {
+    const std::lock_guard lock(mutex_);
+    if (!accepts()) return false;
+    if (added_ - taken_ <= bound_->more_blocks.size()) return true;
+    bound = bound_;
+  }
+  // Without the lock: systems may be evicted for it.
+  Charge another;
+  try {
+    another = parts_.memory->charge_call(bound->block_bytes, purpose(bound->system->charge.bytes() + bound->charge.bytes()),
+                                         context().share());
+  } catch (const Error&) {
+    return false;  // there is again when an answer was taken
+  }
   const std::lock_guard lock(mutex_);
-  return bound_ != nullptr && !ended_ && !no_more_ && added_ - taken_ < window();
+  if (!accepts()) return false;
+  bound->more_blocks.push_back(std::move(another));
+  note_bytes();
+  return true;
 }
 
 void EvaluateCall::add(v1::Block&& block) {
@@ -218,6 +238,11 @@ void EvaluateCall::note_turn() {
   waits_since_ = ours ? RunContext::Clock::time_point::max() : RunContext::Clock::now();
 }
 
+void EvaluateCall::note_bytes() const {
+  if (!context().open) return;
+  context().open->set_result_bytes(bound_->charge.bytes() + bound_->more_blocks.size() * bound_->block_bytes);
+}
+
 void EvaluateCall::push_info() {
   v1::EvaluateInfo& info = *replies_.emplace_back().mutable_info();
   info.set_geometry_id(bound_->system->info.geometry_id());
@@ -255,7 +280,10 @@ void EvaluateCall::push_result_when_done() {
 
 void EvaluateCall::on_taken(const v1::EvaluateReply& reply) {
   note_turn();
-  if (reply.has_block()) ++taken_;
+  if (!reply.has_block()) return;
+  if (++taken_ < added_ || bound_ == nullptr || bound_->more_blocks.empty()) return;
+  bound_->more_blocks.clear();  // all are answered: the next one may be long in coming
+  note_bytes();
 }
 
 std::optional<Error> EvaluateCall::overdue(RunContext::Clock::time_point now) const {
@@ -281,7 +309,7 @@ class EvaluateHandle : public EvaluateJob {
   EvaluateHandle(const EvaluateHandle&) = delete;
   EvaluateHandle& operator=(const EvaluateHandle&) = delete;
 
-  bool has_room() const override { return call_->has_room(); }
+  bool has_room() override { return call_->has_room(); }
   void add(v1::Block&& block) override { call_->add(std::move(block)); }
   void finish() override { call_->finish(); }
   DeformJob::Poll poll(v1::EvaluateReply& reply) override { return call_->poll(reply); }

@@ -10,6 +10,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "core/codec/block.h"
 #include "core/deformers/space_map.h"
@@ -39,7 +40,8 @@ struct EvaluateTask {
 
 /// One design at points as they come: waits for its system, is bound on a worker, then decodes, evaluates and encodes one block
 /// per step. Blocks are answered in the order in which they came. At most `window()` blocks are held at once, from add() until
-/// their answer has been taken; their memory is charged before the first one may come.
+/// their answer has been taken. The memory of one is charged as long as the call lasts, that of more while they are there, so
+/// that calls that wait for their clients hold little.
 ///
 /// A call that waits for its client, which neither sends a block nor takes one for `patience`, ends.
 class EvaluateCall : public QueuedCall<v1::EvaluateReply> {
@@ -49,7 +51,7 @@ class EvaluateCall : public QueuedCall<v1::EvaluateReply> {
 
   EvaluateCall(EvaluateParts parts, EvaluateTask task, CallContext context, std::function<void()> on_ready);
 
-  bool has_room() const;
+  bool has_room();
   void add(v1::Block&& block);
   void finish();
   std::optional<Error> overdue(RunContext::Clock::time_point now) const override;
@@ -61,7 +63,9 @@ class EvaluateCall : public QueuedCall<v1::EvaluateReply> {
     std::unique_ptr<const SpaceMap> map;
     codec::EncodeOptions output;
     Box box;  ///< of the mesh at rest
-    Charge charge;
+    std::size_t block_bytes = 0;
+    Charge charge;                    ///< of the binding and of one block
+    std::vector<Charge> more_blocks;  ///< of blocks beyond that one; guarded by mutex_
   };
   struct StepResult {
     codec::Block block;
@@ -74,17 +78,20 @@ class EvaluateCall : public QueuedCall<v1::EvaluateReply> {
 
   std::shared_ptr<EvaluateCall> self() { return std::static_pointer_cast<EvaluateCall>(shared_from_this()); }
   std::size_t window() const;
+  ChargePurpose purpose(std::size_t held) const;
   void start(const SystemCache::Handle& system) override;
   std::shared_ptr<Bound> bind(const SystemCache::Handle& system, int threads);
   void run_step(const std::shared_ptr<const Bound>& bound, std::size_t number, std::uint64_t first, v1::Block& message);
   StepResult make_step(const Bound& bound, std::size_t number, std::uint64_t first, v1::Block& message) const;
 
   // With mutex_ held:
+  bool accepts() const { return bound_ != nullptr && !ended_ && !no_more_ && added_ - taken_ < window(); }
   void on_taken(const v1::EvaluateReply& reply) override;
   void drop() override;
   void schedule();
   void release(std::size_t number, StepResult&& result);
   void note_turn();
+  void note_bytes() const;
   void push_info();
   void push_result_when_done();
 

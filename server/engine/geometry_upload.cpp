@@ -38,8 +38,9 @@ void check_cells(const v1::GeometryHeader& header, const EngineOptions& limits) 
 
 }  // namespace
 
-UploadBuffer::UploadBuffer(const v1::GeometryHeader& header, const EngineOptions& limits, MemoryBudget& budget)
-    : header_(header), budget_(budget) {
+UploadBuffer::UploadBuffer(const v1::GeometryHeader& header, const EngineOptions& limits, MemoryBudget& budget,
+                           const TenantShare& share)
+    : header_(header), budget_(budget), share_(share) {
   check_range(header.point_count(), 1, limits.max_points, "header.point_count");
   check_range(header.face_count(), 0, limits.max_faces, "header.face_count");
   check_range(header.corner_count(), header.face_count(), 0xffffffffu, "header.corner_count");
@@ -96,7 +97,7 @@ void UploadBuffer::check_groups() const {
     refuse("group: only " + of(mesh_.groups.size(), header_.group_count()) + " arrived");
 }
 
-void UploadBuffer::grow(std::size_t bytes) { budget_.grow_upload(charge_, bytes, purpose); }
+void UploadBuffer::grow(std::size_t bytes) { budget_.grow_upload(charge_, bytes, purpose, share_); }
 
 template <typename T>
 void UploadBuffer::append(std::vector<T>& array, const std::string& bytes, std::size_t limit, const char* field) {
@@ -227,7 +228,7 @@ class Upload : public GeometryUpload {
         store_(*parts.store),
         meshes_(*parts.meshes),
         call_(std::move(call)),
-        buffer_(header, limits, *parts.memory),
+        buffer_(header, limits, *parts.memory, call_.share()),
         stored_(declared_id_.empty() ? std::nullopt : store_.registered(owned(declared_id_))) {
     if (stored_) return;
     const std::size_t bytes = stored_bytes(header);

@@ -23,7 +23,8 @@ class MeshCache;
 class UploadBuffer {
  public:
   /// Throws Error(invalid_argument) for counts beyond the limits, Error(out_of_budget) for claims that can never fit.
-  UploadBuffer(const v1::GeometryHeader& header, const EngineOptions& limits, MemoryBudget& budget);
+  UploadBuffer(const v1::GeometryHeader& header, const EngineOptions& limits, MemoryBudget& budget,
+               const TenantShare& share = {});
 
   void add(const v1::RegisterGeometryRequest& part);
 
@@ -51,6 +52,7 @@ class UploadBuffer {
 
   v1::GeometryHeader header_;
   MemoryBudget& budget_;
+  const TenantShare share_;
   Charge charge_;
   Mesh mesh_;
   Stage stage_ = Stage::points;

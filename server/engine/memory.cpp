@@ -9,6 +9,7 @@
 #include <cstdint>
 #include <cstdio>
 #include <fstream>
+#include <limits>
 #include <utility>
 
 #include "core/base/control_group.h"
@@ -20,6 +21,7 @@ namespace deform::server {
 namespace {
 
 constexpr std::uint32_t retry_memory_ms = 500;
+constexpr std::uint32_t retry_quota_ms = 200;
 
 }  // namespace
 
@@ -42,6 +44,13 @@ bool MemoryMeter::try_take_alone(std::size_t bytes, std::size_t held) {
   return true;
 }
 
+bool MemoryMeter::try_take_up_to(std::size_t limit, std::size_t bytes) {
+  const std::lock_guard lock(mutex_);
+  if (bytes > limit - std::min(in_use_, limit)) return false;
+  in_use_ += bytes;
+  return true;
+}
+
 void MemoryMeter::take(std::size_t bytes) {
   const std::lock_guard lock(mutex_);
   in_use_ += bytes;
@@ -52,14 +61,35 @@ void MemoryMeter::give_back(std::size_t bytes) {
   in_use_ -= bytes;
 }
 
+void TenantShare::take(std::size_t bytes, const std::string& what) const {
+  if (limit == 0 || bytes <= small) return meter->take(bytes);
+  if (meter->try_take_up_to(limit, bytes)) return;
+  const std::string quota = "quota bytes-in-flight of tenant \"" + tenant + "\": ";
+  if (bytes > limit) {
+    throw Error(ErrorCode::out_of_budget, quota + what + " needs " + mebibytes(bytes) + ", the limit is " + mebibytes(limit) +
+                                              "; ask the operator of the server for more");
+  }
+  throw Error(ErrorCode::out_of_budget,
+              quota + what + " needs " + mebibytes(bytes) + ", requests and answers under way hold " +
+                  mebibytes(meter->in_use()) + ", the limit is " + mebibytes(limit) + "; try again later",
+              retry_quota_ms);
+}
+
+std::shared_ptr<MemoryMeter> TenantMeters::of(const std::string& tenant) {
+  const std::lock_guard lock(mutex_);
+  auto& meter = meters_[tenant];
+  if (!meter) meter = std::make_shared<MemoryMeter>(std::numeric_limits<std::size_t>::max());
+  return meter;
+}
+
 Charge::Charge(Charge&& other) noexcept
-    : meter_(std::move(other.meter_)), shared_(std::move(other.shared_)), bytes_(std::exchange(other.bytes_, 0)) {}
+    : meter_(std::move(other.meter_)), also_(std::move(other.also_)), bytes_(std::exchange(other.bytes_, 0)) {}
 
 Charge& Charge::operator=(Charge&& other) noexcept {
   if (this != &other) {
     shrink(0);
     meter_ = std::move(other.meter_);
-    shared_ = std::move(other.shared_);
+    also_ = std::move(other.also_);
     bytes_ = std::exchange(other.bytes_, 0);
   }
   return *this;
@@ -68,15 +98,26 @@ Charge& Charge::operator=(Charge&& other) noexcept {
 Charge::~Charge() { shrink(0); }
 
 void Charge::shrink(std::size_t bytes) {
-  if (meter_ == nullptr || bytes >= bytes_) return;
-  meter_->give_back(bytes_ - bytes);
-  if (shared_) shared_->give_back(bytes_ - bytes);
+  if (bytes >= bytes_) return;
+  if (meter_) meter_->give_back(bytes_ - bytes);
+  for (const auto& meter : also_) meter->give_back(bytes_ - bytes);
   bytes_ = bytes;
 }
 
 void Charge::outlive_call() {
-  if (shared_) shared_->give_back(bytes_);
-  shared_.reset();
+  for (const auto& meter : also_) meter->give_back(bytes_);
+  also_.clear();
+}
+
+void Charge::join(Charge&& same) {
+  if (same.meter_) also_.push_back(std::move(same.meter_));
+  same.bytes_ = 0;
+}
+
+void Charge::absorb(Charge&& more) {
+  meter_ = std::move(more.meter_);
+  also_ = std::move(more.also_);
+  bytes_ += std::exchange(more.bytes_, 0);
 }
 
 Charge MemoryBudget::charge(std::size_t bytes, const ChargePurpose& purpose) {
@@ -99,8 +140,9 @@ Charge MemoryBudget::charge(std::size_t bytes, const ChargePurpose& purpose) {
               retry_memory_ms);
 }
 
-Charge MemoryBudget::charge_call(std::size_t bytes, const ChargePurpose& purpose) {
+Charge MemoryBudget::charge_call(std::size_t bytes, const ChargePurpose& purpose, const TenantShare& share) {
   constexpr std::size_t small_share = 256;
+  Charge own = charge_tenant(bytes, purpose, share);
   Charge result = charge(bytes, purpose);
   if (bytes <= meter_->total() / small_share) {
     of_calls_->take(bytes);
@@ -111,20 +153,20 @@ Charge MemoryBudget::charge_call(std::size_t bytes, const ChargePurpose& purpose
                     ", half of the memory budget; try again later, or " + purpose.advice,
                 retry_memory_ms);
   }
-  result.shared_ = of_calls_;
+  result.join({of_calls_, bytes});
+  result.join(std::move(own));
   return result;
 }
 
 void MemoryBudget::grow(Charge& charge, std::size_t bytes, const ChargePurpose& purpose) {
   ChargePurpose all = purpose;
   all.held_alongside += charge.bytes();
-  Charge more = this->charge(bytes, all);
-  charge.meter_ = meter_;
-  charge.bytes_ += std::exchange(more.bytes_, 0);
+  charge.absorb(this->charge(bytes, all));
 }
 
-void MemoryBudget::grow_upload(Charge& charge, std::size_t bytes, const ChargePurpose& purpose) {
+void MemoryBudget::grow_upload(Charge& charge, std::size_t bytes, const ChargePurpose& purpose, const TenantShare& share) {
   constexpr std::size_t small_share = 4096;
+  Charge own = charge_tenant(bytes, purpose, share);
   if (charge.bytes() + bytes <= meter_->total() / small_share) {
     of_uploads_->take(bytes);
   } else if (!of_uploads_->try_take_alone(bytes, charge.bytes())) {
@@ -134,13 +176,18 @@ void MemoryBudget::grow_upload(Charge& charge, std::size_t bytes, const ChargePu
                     ", a quarter of the memory budget; try again later, or " + purpose.advice,
                 retry_memory_ms);
   }
-  try {
-    grow(charge, bytes, purpose);
-  } catch (...) {
-    of_uploads_->give_back(bytes);
-    throw;
-  }
-  charge.shared_ = of_uploads_;
+  Charge of_uploads(of_uploads_, bytes);
+  ChargePurpose all = purpose;
+  all.held_alongside += charge.bytes();
+  Charge more = this->charge(bytes, all);
+  more.join(std::move(of_uploads));
+  more.join(std::move(own));
+  charge.absorb(std::move(more));
+}
+
+Charge MemoryBudget::charge_tenant(std::size_t bytes, const ChargePurpose& purpose, const TenantShare& share) {
+  if (share.meter) share.take(bytes, purpose.what);
+  return {share.meter, bytes};
 }
 
 std::size_t available_memory() {

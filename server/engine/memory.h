@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <functional>
+#include <map>
 #include <memory>
 #include <mutex>
 #include <string>
@@ -22,6 +23,8 @@ class MemoryMeter {
   bool try_take(std::size_t bytes);
   /// The same, but when nothing is in use beside what the caller holds already any number may be taken.
   bool try_take_alone(std::size_t bytes, std::size_t held = 0);
+  /// The same, but what is in use may come to `limit` at most, whatever the total.
+  bool try_take_up_to(std::size_t limit, std::size_t bytes);
   /// Takes them whether they are free or not.
   void take(std::size_t bytes);
   void give_back(std::size_t bytes);
@@ -30,6 +33,29 @@ class MemoryMeter {
   const std::size_t total_;
   mutable std::mutex mutex_;
   std::size_t in_use_ = 0;  // guarded by mutex_
+};
+
+/// What one tenant may hold at once in its requests, uploads and answers, all together. Copies count together.
+struct TenantShare {
+  /// More of the tenant never keeps requests as small as this one from being answered: they are counted only.
+  static constexpr std::size_t small = 64 << 10;
+
+  std::string tenant;
+  std::shared_ptr<MemoryMeter> meter;  ///< null: nobody counts
+  std::size_t limit = 0;               ///< 0: none
+
+  /// Throws Error(out_of_budget), with a retry hint unless so many are more than the limit. `what` needs them.
+  void take(std::size_t bytes, const std::string& what) const;
+};
+
+/// The meters of all tenants. Thread-safe.
+class TenantMeters {
+ public:
+  std::shared_ptr<MemoryMeter> of(const std::string& tenant);
+
+ private:
+  std::mutex mutex_;
+  std::map<std::string, std::shared_ptr<MemoryMeter>> meters_;  // under mutex_
 };
 
 /// A number of bytes taken from a budget, given back on destruction. Movable; one owner at a time. May outlive its budget.
@@ -51,8 +77,13 @@ class Charge {
  private:
   friend class MemoryBudget;
   Charge(std::shared_ptr<MemoryMeter> meter, std::size_t bytes) : meter_(std::move(meter)), bytes_(bytes) {}
+  /// As many bytes that were taken elsewhere become ours: they are given back together.
+  void join(Charge&& same);
+  /// Its bytes are added to ours, which are counted in the same meters.
+  void absorb(Charge&& more);
+
   std::shared_ptr<MemoryMeter> meter_;
-  std::shared_ptr<MemoryMeter> shared_;  // of all calls or all uploads: counted there, too; null: it is neither's
+  std::vector<std::shared_ptr<MemoryMeter>> also_;  // of its tenant, of all calls or of all uploads
   std::size_t bytes_ = 0;
 };
 
@@ -78,7 +109,7 @@ class MemoryBudget {
   /// The same for a call, which may have to wait for its reader while it holds them. All calls together hold at most half of the
   /// budget, unless one alone needs more; those that need less than a 256th come first and may use the rest. So whoever asks for
   /// little is answered while others hold much.
-  Charge charge_call(std::size_t bytes, const ChargePurpose& purpose);
+  Charge charge_call(std::size_t bytes, const ChargePurpose& purpose, const TenantShare& share = {});
 
   /// The same for bytes that are added to a charge (an empty one becomes one of this budget).
   void grow(Charge& charge, std::size_t bytes, const ChargePurpose& purpose);
@@ -86,7 +117,7 @@ class MemoryBudget {
   /// The same for an upload, whose client decides how long it lasts. All uploads together hold at most a quarter of the budget,
   /// unless there is one alone; those that have no more than a 4096th come first and may use the rest. So uploads that never end
   /// leave room for designs, and for small meshes.
-  void grow_upload(Charge& charge, std::size_t bytes, const ChargePurpose& purpose);
+  void grow_upload(Charge& charge, std::size_t bytes, const ChargePurpose& purpose, const TenantShare& share = {});
 
   /// A reclaimer gives back about `bytes` of idle memory. Called without a lock held, in the order of registration. Register all
   /// before the first charge.
@@ -96,6 +127,8 @@ class MemoryBudget {
   std::size_t in_use() const { return meter_->in_use(); }
 
  private:
+  static Charge charge_tenant(std::size_t bytes, const ChargePurpose& purpose, const TenantShare& share);
+
   const std::shared_ptr<MemoryMeter> meter_;
   const std::shared_ptr<MemoryMeter> of_calls_, of_uploads_;
   std::vector<std::function<void(std::size_t)>> reclaimers_;

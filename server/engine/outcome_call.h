@@ -46,7 +46,12 @@ class OutcomeCall : public Call {
     if (context().open) context().open->set_subject("", task_.system_id);
     if (!task_.system_id.empty()) enter(v1::CALL_PREPARING);
     if (task_.system_id.empty()) return enqueue({});
-    ask();
+    try {
+      ask();
+    } catch (...) {
+      parts_.calls->remove(this);
+      throw;
+    }
   }
 
   void fail(const Error& error) override {
@@ -60,6 +65,8 @@ class OutcomeCall : public Call {
   void ask() {
     SystemCache::Asker asker;
     asker.client = context().client;
+    asker.tenant = context().tenant;
+    asker.most_preparations = context().quota.preparations;
     asker.on_progress = task_.on_progress;
     asker.on_done = [call = self()](SystemCache::Handle system, const std::optional<Error>& error) {
       call->on_system(std::move(system), error);
@@ -70,9 +77,17 @@ class OutcomeCall : public Call {
     if (!ended_) ticket_ = std::move(ticket);  // otherwise it leaves here
   }
 
+  void ask_again() {
+    try {
+      ask();
+    } catch (const Error& error) {
+      fail(error);
+    }
+  }
+
   void on_system(SystemCache::Handle system, const std::optional<Error>& error) {
     if (error && error->code() == ErrorCode::not_found && task_.brings_setup && !std::exchange(asked_again_, true)) {
-      return ask();  // the preparation of somebody else, who named a stored setup that was deleted
+      return ask_again();  // the preparation of somebody else, who named a stored setup that was deleted
     }
     if (error) return fail(*error);
     {

@@ -25,10 +25,22 @@ void QueuedCall<Reply>::begin() {
   if (const auto error = overdue(accepted_)) throw *error;
   place_ = queue_.scheduler->enter(context().client);
   queue_.calls->add(shared_from_this());
+  try {
+    ask();
+  } catch (...) {
+    queue_.calls->remove(this);
+    throw;
+  }
+}
+
+template <typename Reply>
+void QueuedCall<Reply>::ask() {
   if (context().open) context().open->set_subject("", stats_.system_id);
   enter(v1::CALL_PREPARING);
   SystemCache::Asker asker;
   asker.client = context().client;
+  asker.tenant = context().tenant;
+  asker.most_preparations = context().quota.preparations;
   asker.on_done = [call = self()](SystemCache::Handle system, const std::optional<Error>& error) {
     call->on_system(std::move(system), error);
   };

@@ -102,6 +102,7 @@ class QueuedCall : public Call {
   CallStats stats_;
 
  private:
+  void ask();
   void on_system(SystemCache::Handle system, const std::optional<Error>& error);
   void enqueue(SystemCache::Handle system);
   void take(Scheduler::Slot slot);

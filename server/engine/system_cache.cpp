@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "server/engine/system_cache.h"
 
+#include <algorithm>
 #include <chrono>
 
 namespace deform::server {
@@ -74,12 +75,14 @@ std::pair<SystemCache::Handle, SystemCache::Ticket> SystemCache::acquire(const s
   }
   ++counters_.misses;
   const FlightKey key{id, source.restore ? Aim::restores : Aim::prepares};
+  const bool begin = !flights_.contains(key);
+  if (begin) check_preparations(asker);
   std::shared_ptr<Flight>& flight = flights_[key];
-  const bool begin = flight == nullptr;
   if (begin) {
     flight = std::make_shared<Flight>();
     flight->key = key;
     flight->client = asker.client;
+    flight->tenant = asker.tenant;
     flight->source = source;
   }
   Ticket ticket;
@@ -91,6 +94,19 @@ std::pair<SystemCache::Handle, SystemCache::Ticket> SystemCache::acquire(const s
   lock.unlock();
   if (begin) schedule(begun, 0);
   return {nullptr, std::move(ticket)};
+}
+
+void SystemCache::check_preparations(const Asker& asker) const {
+  constexpr std::uint32_t retry_quota_ms = 500;
+  if (asker.most_preparations == 0) return;
+  const auto own =
+      std::count_if(flights_.begin(), flights_.end(), [&](const auto& flight) { return flight.second->tenant == asker.tenant; });
+  if (static_cast<std::uint64_t>(own) < asker.most_preparations) return;
+  throw Error(ErrorCode::out_of_budget,
+              "quota preparations of tenant \"" + asker.tenant + "\": " + std::to_string(own) +
+                  " systems are being prepared or wait for it, the limit is " + std::to_string(asker.most_preparations) +
+                  "; try again later",
+              retry_quota_ms);
 }
 
 void SystemCache::schedule(const std::shared_ptr<Flight>& flight, double seconds) {

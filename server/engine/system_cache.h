@@ -113,6 +113,8 @@ class SystemCache : public std::enable_shared_from_this<SystemCache> {
 
   struct Asker {
     std::string client;
+    std::string tenant;
+    std::uint64_t most_preparations = 0;                                         ///< of the tenant at once; 0: any number
     std::function<void(const std::string& stage, double fraction)> on_progress;  ///< may be empty
     /// Exactly once, unless the ticket left before: a handle, or the error.
     std::function<void(Handle handle, const std::optional<Error>& error)> on_done;
@@ -147,7 +149,8 @@ class SystemCache : public std::enable_shared_from_this<SystemCache> {
   std::vector<std::string> ids() const;
 
   /// The entry if it is there (the ticket stays empty, nothing is called back), otherwise joins or begins a flight. Callbacks
-  /// come from other threads, never from inside this call.
+  /// come from other threads, never from inside this call. Throws Error(out_of_budget) with a retry hint when a flight would have
+  /// to begin beyond what the tenant may have.
   std::pair<Handle, Ticket> acquire(const std::string& id, const Source& source, Asker asker);
 
   /// Takes an entry out: new requests do not find it; those that use it finish. Returns the bytes that will be given back.
@@ -193,7 +196,7 @@ class SystemCache : public std::enable_shared_from_this<SystemCache> {
   using FlightKey = std::pair<std::string, Aim>;
   struct Flight {
     FlightKey key;
-    std::string client;
+    std::string client, tenant;
     Source source;  // without `restore` once there was nothing to restore
     std::stop_source stop;
     std::map<std::uint64_t, Asker> askers;  // guarded by the cache's mutex
@@ -208,6 +211,7 @@ class SystemCache : public std::enable_shared_from_this<SystemCache> {
   void prepare_instead(const std::shared_ptr<Flight>& flight);
   void land(const std::shared_ptr<Flight>& flight, std::shared_ptr<ResidentSystem> resident, const std::optional<Error>& error);
   void report(const std::shared_ptr<Flight>& flight, const std::string& stage, double fraction);
+  void check_preparations(const Asker& asker) const;  // with mutex_ held
   void leave(const std::shared_ptr<Flight>& asked, std::uint64_t asker);
   Entry& enter(const std::string& id, std::shared_ptr<ResidentSystem> resident, Doomed& doomed);
   Handle pin(const std::string& id, Entry& entry);

@@ -10,7 +10,6 @@
 
 #include "core/base/error.h"
 #include "proto/convert/base/parsed_size.h"
-#include "server/engine/memory.h"
 
 namespace deform::server {
 
@@ -37,10 +36,13 @@ struct HeldRequests::Meter {
 HeldRequests::HeldRequests(std::size_t limit) : meter_(std::make_shared<Meter>()) { meter_->limit = limit; }
 
 HeldRequests::Held::Held(Held&& other) noexcept
-    : meter_(std::exchange(other.meter_, nullptr)), bytes_(std::exchange(other.bytes_, 0)) {}
+    : meter_(std::exchange(other.meter_, nullptr)),
+      of_tenant_(std::exchange(other.of_tenant_, nullptr)),
+      bytes_(std::exchange(other.bytes_, 0)) {}
 
 HeldRequests::Held& HeldRequests::Held::operator=(Held&& other) noexcept {
   std::swap(meter_, other.meter_);
+  std::swap(of_tenant_, other.of_tenant_);
   std::swap(bytes_, other.bytes_);
   return *this;
 }
@@ -51,20 +53,22 @@ HeldRequests::Held::~Held() {
     const std::lock_guard lock(meter_->mutex);
     meter_->in_use -= bytes_;
   }
+  if (of_tenant_) of_tenant_->give_back(bytes_);
   return_freed_memory(bytes_);
 }
 
-HeldRequests::Held HeldRequests::take(const grpc::ByteBuffer& bytes, const google::protobuf::Descriptor& type) {
+HeldRequests::Held HeldRequests::take(const grpc::ByteBuffer& bytes, const google::protobuf::Descriptor& type,
+                                      const TenantShare& share) {
   const std::size_t parsed = parsed_size(bytes, type, largest_parsed_message);
   if (parsed > largest_parsed_message) {
     throw Error(ErrorCode::invalid_argument, "the " + std::to_string(bytes.Length()) + " bytes received are a " +
                                                  type.full_name() + " of so many parts that it would take more than " +
                                                  std::to_string(largest_parsed_message) + " bytes of memory");
   }
-  return take(bytes.Length() + parsed);
+  return take(bytes.Length() + parsed, share);
 }
 
-HeldRequests::Held HeldRequests::take(std::size_t bytes) {
+HeldRequests::Held HeldRequests::take(std::size_t bytes, const TenantShare& share) {
   const std::size_t limit = meter_->limit;
   const std::size_t allowed = bytes <= small_request ? limit : limit - limit / share_of_small;
   if (limit != 0 && bytes > allowed) {
@@ -79,8 +83,9 @@ HeldRequests::Held HeldRequests::take(std::size_t bytes) {
                     std::to_string(bytes) + " would exceed the limit of " + std::to_string(allowed) + ", try again later",
                 held_retry_ms);
   }
+  if (share.meter) share.take(bytes, "this request");
   meter_->in_use += bytes;
-  return {meter_, bytes};
+  return {meter_, share.meter, bytes};
 }
 
 std::size_t HeldRequests::in_use() const {

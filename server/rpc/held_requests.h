@@ -8,6 +8,8 @@
 #include <cstddef>
 #include <memory>
 
+#include "server/engine/memory.h"
+
 namespace deform::server {
 
 /// What one message may take once it is parsed: several times what the largest that mean something take.
@@ -36,16 +38,19 @@ class HeldRequests {
 
    private:
     friend class HeldRequests;
-    Held(std::shared_ptr<Meter> meter, std::size_t bytes) : meter_(std::move(meter)), bytes_(bytes) {}
+    Held(std::shared_ptr<Meter> meter, std::shared_ptr<MemoryMeter> of_tenant, std::size_t bytes)
+        : meter_(std::move(meter)), of_tenant_(std::move(of_tenant)), bytes_(bytes) {}
     std::shared_ptr<Meter> meter_;
+    std::shared_ptr<MemoryMeter> of_tenant_;  // may be null
     std::size_t bytes_ = 0;
   };
 
   /// Takes what these bytes and their message need. Throws Error(invalid_argument) for a message beyond largest_parsed_message,
-  /// and Error(out_of_budget) with a retry hint when there is no room now.
-  Held take(const grpc::ByteBuffer& bytes, const google::protobuf::Descriptor& type);
+  /// and Error(out_of_budget) with a retry hint when there is no room now, or
+  /// no share of their tenant is left.
+  Held take(const grpc::ByteBuffer& bytes, const google::protobuf::Descriptor& type, const TenantShare& share = {});
   /// The same for bytes that are known.
-  Held take(std::size_t bytes);
+  Held take(std::size_t bytes, const TenantShare& share = {});
 
   std::size_t in_use() const;
 

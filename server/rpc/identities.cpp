@@ -98,6 +98,8 @@ Quota parse_quota(std::string_view line, const Place& place) {
   const std::pair<const char*, std::uint64_t Quota::*> limits[] = {{"stored-bytes", &Quota::stored_bytes},
                                                                    {"geometries", &Quota::geometries},
                                                                    {"calls", &Quota::calls},
+                                                                   {"preparations", &Quota::preparations},
+                                                                   {"bytes-in-flight", &Quota::bytes_in_flight},
                                                                    {"requests-per-second", &Quota::requests_per_second}};
   Quota quota;
   for (std::string_view word = take_word(line); !word.empty(); word = take_word(line)) {
@@ -105,7 +107,9 @@ Quota parse_quota(std::string_view line, const Place& place) {
     const auto known = std::find_if(std::begin(limits), std::end(limits),
                                     [&](const auto& limit) { return word.substr(0, sign) == limit.first; });
     if (sign == std::string_view::npos || known == std::end(limits)) {
-      throw place.error(shown(word) + " is none of stored-bytes=SIZE, geometries=N, calls=N, requests-per-second=N");
+      throw place.error(shown(word) +
+                        " is none of stored-bytes=SIZE, geometries=N, calls=N, preparations=N, bytes-in-flight=SIZE, "
+                        "requests-per-second=N");
     }
     std::uint64_t& limit = quota.*(known->second);
     if (limit != 0) throw place.error(std::string(known->first) + " stands twice on this line");

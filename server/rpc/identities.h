@@ -30,7 +30,7 @@ const char* to_string(Role role);
 ///
 ///   alice    user      sha256:2c26b46b68ffc68ff99b453c1d30413413422d706483bfa0f98a5e886266e7ae    # of alice's token
 ///   solver   user      certificate:solver.example.org  tenant=acme                                 # a name in a certificate
-///   tenant:acme        stored-bytes=20GiB geometries=500 calls=32 requests-per-second=100
+///   tenant:acme        stored-bytes=20GiB geometries=500 calls=32 preparations=4 bytes-in-flight=1GiB requests-per-second=100
 ///
 /// A name may stand on several lines, with one role and one tenant, so that a token can be replaced without a gap. A credential
 /// belongs to one name. Immutable.

@@ -79,6 +79,7 @@ CallScope::CallScope(const char* method, const Incoming& incoming)
   call_.open = incoming_.calls->open(std::move(about), stop_);
   call_.tenant = admission_.tenant;
   call_.quota = admission_.quota;
+  call_.in_flight = incoming.in_flight->of(call_.tenant);
   if (call_.tenant != default_tenant) record.tenant = call_.tenant;
   call_.client = admission_.identity.empty() ? record.client : "identity " + admission_.identity;
   // gRPC keeps wall-clock deadlines, "none" as the end of time.
@@ -113,11 +114,11 @@ const google::protobuf::Descriptor& CallScope::request_type() const {
 }
 
 HeldRequests::Held CallScope::hold(const grpc::ByteBuffer& message) const {
-  return incoming_.held->take(message, request_type());
+  return incoming_.held->take(message, request_type(), share());
 }
 
 void CallScope::hold(std::size_t bytes) {
-  held_.push_back(incoming_.held->take(bytes));
+  held_.push_back(take(bytes));
   std::size_t all = 0;
   for (const auto& held : held_) all += held.bytes();
   call_.open->set_request_bytes(all);

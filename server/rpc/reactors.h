@@ -63,6 +63,7 @@ struct Incoming {
   HeldRequests* held = nullptr;
   FloodGuard* floods = nullptr;
   RequestRates* rates = nullptr;
+  TenantMeters* in_flight = nullptr;
   std::chrono::milliseconds max_deadline{0};   ///< 0: none
   std::chrono::milliseconds stall_timeout{0};  ///< 0: none
   const grpc::ByteBuffer* request = nullptr;   ///< of a call with one
@@ -82,6 +83,7 @@ class CallScope {
   void check_rate();
   /// What the caller's tenant may take, as it is now.
   Quota quota() const;
+  TenantShare share() const { return {call_.tenant, call_.in_flight, quota().bytes_in_flight}; }
   /// Throws Error(unavailable) with a retry hint when this call computes or adds and the operator drains the server.
   void check_draining() const;
   /// Throws Error(out_of_budget) with a retry hint when this call computes or adds and the process occupies too much memory.
@@ -89,7 +91,7 @@ class CallScope {
   /// Charges the memory of one message of a stream. Throws as HeldRequests::take() does.
   HeldRequests::Held hold(const grpc::ByteBuffer& message) const;
   /// The same for bytes that are known.
-  HeldRequests::Held take(std::size_t bytes) const { return incoming_.held->take(bytes); }
+  HeldRequests::Held take(std::size_t bytes) const { return incoming_.held->take(bytes, share()); }
   /// Charges so many bytes more until the call ends. Throws as HeldRequests::take() does.
   void hold(std::size_t bytes);
   /// Stop token, deadline and caller, for the engine.

@@ -253,6 +253,7 @@ class DeformService::Methods final : public RawService {
     call.held = &held_;
     call.floods = &floods_;
     call.rates = &rates_;
+    call.in_flight = &in_flight_;
     call.max_deadline = max_deadline();
     call.stall_timeout = options_.stall_timeout;
     call.request = request;
@@ -283,6 +284,7 @@ class DeformService::Methods final : public RawService {
   HeldRequests held_;
   FloodGuard floods_;
   RequestRates rates_;
+  TenantMeters in_flight_;
   LiveCalls live_;
   std::mutex streams_mutex_;
   // under streams_mutex_

@@ -35,6 +35,8 @@ struct Quota {
   std::uint64_t stored_bytes = 0;
   std::uint64_t geometries = 0;
   std::uint64_t calls = 0;                ///< that compute: waiting or running
+  std::uint64_t preparations = 0;         ///< of systems that are not in memory: waiting or running
+  std::uint64_t bytes_in_flight = 0;      ///< of requests, uploads and answers under way
   std::uint64_t requests_per_second = 0;  ///< of calls and of requests within streams, whatever they do
   bool operator==(const Quota&) const = default;
 };

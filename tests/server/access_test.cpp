@@ -360,7 +360,8 @@ TEST_P(RolesAndMethods, RequestsOfAStreamCountAndAChangedQuotaReachesIt) {
   request.mutable_request();
   ASSERT_TRUE(stream->Write(request));
   EXPECT_EQ(engine.job(0)->call().quota.calls, 7u);
-  write(file, line("a", "user", "tenant=acme") + line("new", "reader") + "tenant:acme calls=8 requests-per-second=1\n");
+  write(file, line("a", "user", "tenant=acme") + line("new", "reader") +
+                  "tenant:acme calls=8 bytes-in-flight=3GiB requests-per-second=1\n");
   ASSERT_TRUE(eventually([&] { return call_as("new", "GetServerInfo").error_code() == StatusCode::INVALID_ARGUMENT; }));
   int refused = 0;
   v1::DeformReply reply;
@@ -373,6 +374,11 @@ TEST_P(RolesAndMethods, RequestsOfAStreamCountAndAChangedQuotaReachesIt) {
   EXPECT_THAT(stream->Finish(), EndedWith(StatusCode::OK)) << "the stream goes on";
   EXPECT_GE(refused, 5);
   EXPECT_EQ(engine.job(1)->call().quota.calls, 8u);
+  // What the requests of a tenant hold is counted together, with what is in force for each.
+  ASSERT_NE(engine.job(0)->call().in_flight, nullptr);
+  EXPECT_EQ(engine.job(0)->call().in_flight, engine.job(1)->call().in_flight);
+  EXPECT_EQ(engine.job(0)->call().share().limit, 0u);
+  EXPECT_EQ(engine.job(1)->call().share().limit, std::size_t{3} << 30);
 }
 
 TEST_P(RolesAndMethods, ABrokenFileLeavesTheOneBeforeInForce) {

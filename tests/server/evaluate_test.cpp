@@ -348,6 +348,44 @@ TEST_P(Evaluate, MemoryIsGivenBackAndAskedForBefore) {
   EXPECT_TRUE(support::eventually([&] { return server.engine().info().memory_in_use() == before; }));
 }
 
+// A call holds the memory of the blocks that are there, and of one more: many may wait for their clients side by side.
+TEST_P(Evaluate, CallsThatWaitForTheirClientsHoldLittle) {
+  constexpr std::size_t mib = 1 << 20, streams = 30;
+  const auto in_use = [&] { return server.engine().info().memory_in_use(); };
+  const std::size_t before = in_use();
+  std::vector<std::unique_ptr<grpc::ClientContext>> contexts;
+  std::vector<std::unique_ptr<grpc::ClientReaderWriter<v1::EvaluateRequest, v1::EvaluateReply>>> open;
+  v1::EvaluateReply reply;
+  for (std::size_t i = 0; i < streams; ++i) {
+    contexts.push_back(std::make_unique<grpc::ClientContext>());
+    open.push_back(stub->Evaluate(contexts.back().get()));
+    ASSERT_TRUE(open.back()->Write(header()));
+    ASSERT_TRUE(open.back()->Read(&reply)) << i << " streams were let in";
+  }
+  const std::size_t idle = in_use() - before;
+  EXPECT_GT(idle, streams * 4 * mib);
+  EXPECT_LT(idle, streams * 8 * mib);
+  const std::vector<Vec3> points = places(30'000);
+  std::atomic<std::uint32_t> written{0};
+  std::thread writer([&] {
+    while (written < 20 && open[0]->Write(block(points, written, std::uint64_t{written} * points.size()))) ++written;
+    open[0]->WritesDone();
+  });
+  EXPECT_TRUE(support::eventually([&] { return in_use() - before > idle + 15 * mib; })) << "its window opens";
+  std::uint32_t answers = 0;
+  while (open[0]->Read(&reply)) answers += reply.has_block();
+  writer.join();
+  EXPECT_TRUE(open[0]->Finish().ok());
+  EXPECT_EQ(answers, 20u);
+  // Of a call that goes on, too: when all is answered it holds as much as before.
+  for (std::uint32_t b = 0; b < 3; ++b) ASSERT_TRUE(open[1]->Write(block(points, b, std::uint64_t{b} * points.size())));
+  for (answers = 0; answers < 3 && open[1]->Read(&reply); answers += reply.has_block()) {
+  }
+  EXPECT_TRUE(support::eventually([&] { return in_use() - before < (streams - 1) * 8 * mib; }));
+  for (const auto& context : contexts) context->TryCancel();
+  EXPECT_TRUE(support::eventually([&] { return in_use() == before; }));
+}
+
 TEST_P(Evaluate, DeadlinesAndCancels) {
   grpc::ClientContext context;
   context.set_deadline(std::chrono::system_clock::now() + std::chrono::milliseconds(300));

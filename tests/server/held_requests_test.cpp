@@ -151,6 +151,25 @@ TEST(HeldRequests, WhatNeverFitsIsNotToBeTriedAgain) {
   }
 }
 
+TEST(HeldRequests, CountForTheirTenantToo) {
+  TenantMeters meters;
+  const TenantShare acme{"acme", meters.of("acme"), 1 << 20};
+  HeldRequests held(1 << 24);
+  {
+    auto first = held.take(1'000'000, acme);
+    EXPECT_THROW(held.take(100'000, acme), Error);
+    EXPECT_EQ(held.in_use(), 1'000'000u) << "what is refused holds nothing";
+    EXPECT_NO_THROW(held.take(100'000));
+    HeldRequests::Held moved(std::move(first)), small = held.take(60'000, acme);
+    EXPECT_EQ(acme.meter->in_use(), 1'060'000u);
+    first = std::move(moved);
+    EXPECT_EQ(acme.meter->in_use(), 1'060'000u);
+  }
+  EXPECT_EQ(acme.meter->in_use(), 0u);
+  EXPECT_THROW(held.take(15'000'000, {"b", meters.of("b"), 1 << 24}), Error) << "more than all may take";
+  EXPECT_EQ(meters.of("b")->in_use(), 0u);
+}
+
 TEST(HeldRequests, AMessageOfTooManyPartsIsRefused) {
   HeldRequests held(0);
   const std::string bytes(4'000'000, '\0');

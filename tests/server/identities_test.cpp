@@ -48,17 +48,18 @@ TEST(Identities, ATokenIsReplacedByASecondLine) {
 }
 
 TEST(Identities, HaveTenantsAndTenantsHaveQuotas) {
-  const auto known = Identities::parse(std::string("alice owner sha256:") + alice_hash +
-                                           " tenant=acme\ntenant:acme stored-bytes=20GiB geometries=500 calls=32 "
-                                           "requests-per-second=100\nbob user certificate:bob\ntenant:* geometries=3\n"
-                                           "tenant:b-2.x # no limits",
-                                       "f");
+  const auto known = Identities::parse(
+      std::string("alice owner sha256:") + alice_hash +
+          " tenant=acme\ntenant:acme stored-bytes=20GiB geometries=500 calls=32 "
+          "preparations=4 bytes-in-flight=1GiB requests-per-second=100\nbob user certificate:bob\ntenant:* geometries=3\n"
+          "tenant:b-2.x # no limits",
+      "f");
   EXPECT_EQ(known.of_token("alice-token")->tenant, "acme");
   EXPECT_EQ(known.of_token("alice-token")->role, Role::own);
   const std::string names[] = {"bob"};
   EXPECT_EQ(known.of_certificate(names)->tenant, "default");
-  EXPECT_EQ(known.quota_of("acme"), (Quota{std::uint64_t{20} << 30, 500, 32, 100}));
-  EXPECT_EQ(known.quota_of("default"), (Quota{0, 3, 0, 0}));
+  EXPECT_EQ(known.quota_of("acme"), (Quota{std::uint64_t{20} << 30, 500, 32, 4, std::uint64_t{1} << 30, 100}));
+  EXPECT_EQ(known.quota_of("default"), (Quota{.geometries = 3}));
   EXPECT_EQ(known.quotas_of_nobody(), std::vector<std::string>{"b-2.x"});
   EXPECT_EQ(known.quota_of("b-2.x"), Quota());
   EXPECT_EQ(Identities::parse("", "f").quota_of("acme"), Quota());

@@ -158,6 +158,72 @@ TEST(MemoryBudget, large_uploads_hold_a_quarter_of_it_and_small_ones_the_rest) {
   EXPECT_THROW(budget.grow_upload(first, 11, purpose), Error);
 }
 
+TEST(TenantShare, requests_uploads_and_answers_of_a_tenant_count_together) {
+  constexpr std::size_t kib = 1024, mib = kib * kib;
+  MemoryBudget budget(1024 * mib);
+  TenantMeters meters;
+  const TenantShare acme{"acme", meters.of("acme"), 100 * mib}, again{"acme", meters.of("acme"), 100 * mib};
+  const TenantShare other{"b", meters.of("b"), 100 * mib}, unlimited{"c", meters.of("c"), 0};
+  Charge answer = budget.charge_call(40 * mib, purpose, acme);
+  Charge upload;
+  budget.grow_upload(upload, 20 * mib, purpose, again);
+  budget.grow_upload(upload, 20 * mib, purpose, again);
+  EXPECT_EQ(acme.meter->in_use(), 80 * mib);
+  try {
+    budget.charge_call(21 * mib, purpose, acme);
+    FAIL();
+  } catch (const Error& error) {
+    EXPECT_EQ(error.code(), ErrorCode::out_of_budget);
+    EXPECT_GT(error.retry_after_ms(), 0u);
+    const std::string why = error.what();
+    for (const char* part : {"quota bytes-in-flight of tenant \"acme\"", "21.0 MiB", "80.0 MiB", "100.0 MiB"}) {
+      EXPECT_NE(why.find(part), std::string::npos) << why;
+    }
+  }
+  EXPECT_THROW(budget.grow_upload(upload, 21 * mib, purpose, acme), Error);
+  EXPECT_EQ(upload.bytes(), 40 * mib);
+  EXPECT_EQ(budget.in_use(), 80 * mib) << "what is refused holds nothing";
+  EXPECT_EQ(acme.meter->in_use(), 80 * mib);
+  // Others have their own, and what the budget refuses is not counted either.
+  Charge of_other = budget.charge_call(21 * mib, purpose, other), of_any = budget.charge_call(300 * mib, purpose, unlimited);
+  EXPECT_THROW(budget.charge_call(160 * mib, purpose, {"b", other.meter, 1024 * mib}), Error) << "calls hold half of the budget";
+  EXPECT_EQ(other.meter->in_use(), 21 * mib);
+  // Small ones are always answered.
+  Charge rest = budget.charge_call(20 * mib, purpose, acme), small = budget.charge_call(64 * kib, purpose, acme);
+  EXPECT_THROW(budget.charge_call(65 * kib, purpose, acme), Error);
+  EXPECT_EQ(acme.meter->in_use(), 100 * mib + 64 * kib);
+  upload.outlive_call();  // its mesh is kept for everybody
+  answer.shrink(10 * mib);
+  EXPECT_EQ(acme.meter->in_use(), 30 * mib + 64 * kib);
+  answer = {};
+  rest = {};
+  small = {};
+  upload = {};
+  EXPECT_EQ(acme.meter->in_use(), 0u);
+  EXPECT_EQ(budget.in_use(), 321 * mib);
+}
+
+TEST(TenantShare, what_can_never_fit_is_not_to_be_tried_again) {
+  MemoryBudget budget(1 << 30);
+  TenantMeters meters;
+  try {
+    budget.charge_call(1 << 20, purpose, {"acme", meters.of("acme"), 1 << 19});
+    FAIL();
+  } catch (const Error& error) {
+    EXPECT_EQ(error.code(), ErrorCode::out_of_budget);
+    EXPECT_EQ(error.retry_after_ms(), 0u);
+  }
+  EXPECT_EQ(budget.in_use(), 0u);
+}
+
+TEST(TenantShare, a_lowered_limit_keeps_what_there_is_and_adds_nothing) {
+  MemoryBudget budget(1 << 30);
+  TenantMeters meters;
+  const Charge held = budget.charge_call(1 << 20, purpose, {"acme", meters.of("acme"), 1 << 21});
+  EXPECT_THROW(budget.charge_call(1 << 17, purpose, {"acme", meters.of("acme"), 1 << 19}), Error);
+  EXPECT_EQ(meters.of("acme")->in_use(), std::size_t{1} << 20);
+}
+
 TEST(MemoryBudget, a_charge_may_outlive_its_budget) {
   Charge charge;
   {

@@ -140,6 +140,35 @@ TEST_F(SystemCacheTest, what_is_forgotten_while_it_is_prepared_goes_to_those_who
   EXPECT_EQ(cache->stats().bytes, 100u);
 }
 
+TEST_F(SystemCacheTest, a_tenant_prepares_as_much_at_once_as_it_may) {
+  open(10'000);
+  const auto listener = std::make_shared<Listener>();
+  const auto ask_as = [&](const std::string& tenant, std::uint64_t most) {
+    SystemCache::Asker asker = ask(listener);
+    asker.tenant = tenant;
+    asker.most_preparations = most;
+    return asker;
+  };
+  auto first = cache->acquire("a", make_slowly(100), ask_as("acme", 2)).second;
+  const auto second = cache->acquire("b", make_slowly(100), ask_as("acme", 2)).second;
+  try {
+    cache->acquire("c", make_slowly(100), ask_as("acme", 2));
+    FAIL() << "a third was let in";
+  } catch (const Error& error) {
+    EXPECT_EQ(error.code(), ErrorCode::out_of_budget);
+    EXPECT_GT(error.retry_after_ms(), 0u);
+    EXPECT_NE(std::string(error.what()).find("quota preparations of tenant \"acme\": 2 "), std::string::npos) << error.what();
+  }
+  const auto joins = cache->acquire("a", make_slowly(100), ask_as("acme", 2)).second;  // adds no work
+  const auto of_other = cache->acquire("d", make_slowly(100), ask_as("b", 2)).second;
+  const auto more = cache->acquire("e", make_slowly(100), ask_as("acme", 3)).second;
+  gate.open();
+  EXPECT_TRUE(eventually([&] { return listener->count() == 5; }));
+  const auto later = cache->acquire("c", make_slowly(100), ask_as("acme", 1)).second;
+  EXPECT_TRUE(eventually([&] { return listener->count() == 6; }));
+  EXPECT_NE(cache->acquire("a", make_slowly(100), ask_as("acme", 1)).first, nullptr) << "it is there";
+}
+
 TEST_F(SystemCacheTest, what_takes_long_waits_for_its_turn) {
   open(1000);
   const auto listener = std::make_shared<Listener>();

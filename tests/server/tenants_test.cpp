@@ -4,6 +4,8 @@
 
 #include <filesystem>
 
+#include "core/codec/block.h"
+#include "proto/convert/base/block.h"
 #include "server/store/tenant.h"
 #include "tests/server/engine_fixture.h"
 
@@ -245,6 +247,106 @@ TEST_F(Tenants, APreparationBeyondTheQuotaIsRefusedBeforeTheWork) {
   stages.clear();
   EXPECT_THAT(outcome([&] { prepare(sheet_setup(geometry), as("acme", full)); }), testing::HasSubstr("quota stored-bytes"));
   EXPECT_TRUE(stages.empty());
+}
+
+TEST_F(Tenants, PreparationsBeyondTheQuotaAreRefusedAndLeaveNothing) {
+  const std::string geometry = register_as(as("acme")).id();
+  Quota quota;
+  quota.preparations = 1;
+  quota.calls = 2;
+  const std::string known = prepare(sheet_setup(geometry), as("acme", quota)).id();
+  v1::ReleaseSystemRequest release;
+  release.set_id(known);
+  engine->release_system(release, as("acme"));
+  const auto setup_of = [&](v1::Kernel kernel) {
+    v1::Setup setup = sheet_setup(geometry);
+    setup.mutable_method()->mutable_rbf()->set_kernel(kernel);
+    return setup;
+  };
+  Gate gate;
+  Waiter<v1::SystemInfo> first;
+  v1::PrepareRequest request;
+  *request.mutable_setup() = setup_of(v1::BIHARMONIC);
+  const auto wait = [&](const v1::Progress& progress) {
+    if (progress.stage() != "queue") gate.pass();
+  };
+  engine->prepare(request, as("acme", quota), wait, first.callback());
+  ASSERT_TRUE(eventually([&] { return gate.waiting() == 1; }));
+  const auto deform_known = [&] { engine->deform(request_for(known, {{0.1, 0.1}}), 0, as("acme", quota), [] {})->cancel(); };
+  for (int i = 0; i < 4; ++i) {  // what was refused does not count as a call
+    EXPECT_THAT(outcome([&] { prepare(setup_of(v1::WENDLAND_C2), as("acme", quota)); }),
+                testing::HasSubstr("quota preparations of tenant \"acme\": 1 "));
+    EXPECT_THAT(outcome(deform_known), testing::HasSubstr("quota preparations"));
+  }
+  gate.open();
+  EXPECT_EQ(outcome([&] { first.value(); }), "ok");
+  EXPECT_EQ(outcome(deform_known), "ok");
+}
+
+// Answers that nobody takes hold memory, by which the next request is refused; and a stream reads on by as much as there is.
+TEST_F(Tenants, BytesInFlightBeyondTheQuotaAreRefused) {
+  const std::string geometry = register_as(as("acme")).id();
+  const std::string system = prepare(sheet_setup(geometry), as("acme")).id();
+  TenantMeters meters;
+  const auto within = [&](std::uint64_t bytes) {
+    CallContext call = as("acme");
+    call.in_flight = meters.of("acme");
+    call.quota.bytes_in_flight = bytes;
+    return call;
+  };
+  v1::EvaluateHeader header;
+  header.set_system_id(system);
+  header.mutable_output()->set_encoding(v1::RAW_F64);
+  for (const double x : {0.2, 0.3}) header.mutable_design()->add_variables(x);
+  v1::EvaluateReply reply;
+  Doorbell bell;
+  const auto next = [&](EvaluateJob& job) {
+    while (job.poll(reply) == DeformJob::Poll::pending) bell.wait();
+  };
+  const auto block = [&](std::uint32_t number) {
+    const Points points(1000, Vec3{0.5, 0.5, number * 0.001});
+    v1::Block message;
+    message.set_block(number);
+    message.set_first(number * points.size());
+    convert::block_to_proto(codec::encode(points, points, {codec::Encoding::raw_f64, 0}), message);
+    return message;
+  };
+  constexpr std::uint64_t mib = 1 << 20;
+  const auto job = engine->evaluate(header, within(16 * mib), bell.ring());
+  next(*job);
+  const std::size_t of_one = meters.of("acme")->in_use();
+  ASSERT_LT(of_one, 8 * mib);
+  ASSERT_GT(of_one, 4 * mib);
+  ASSERT_TRUE(job->has_room());
+  job->add(block(0));
+  ASSERT_TRUE(job->has_room());
+  job->add(block(1));
+  EXPECT_FALSE(job->has_room()) << "there is no room for a third";
+  next(*job);
+  EXPECT_EQ(reply.block().block(), 0u);
+  EXPECT_TRUE(job->has_room());
+  next(*job);
+  EXPECT_EQ(meters.of("acme")->in_use(), of_one) << "all is answered";
+  const auto second = engine->evaluate(header, within(of_one + mib), bell.ring());
+  for (;;) {
+    const auto poll = second->poll(reply);
+    if (poll == DeformJob::Poll::done) break;
+    ASSERT_EQ(poll, DeformJob::Poll::pending);
+    bell.wait();
+  }
+  ASSERT_TRUE(second->error());
+  EXPECT_EQ(second->error()->code(), ErrorCode::out_of_budget);
+  EXPECT_THAT(second->error()->what(), testing::HasSubstr("quota bytes-in-flight of tenant \"acme\""));
+  EXPECT_GT(second->error()->retry_after_ms(), 0u);
+  job->cancel();
+  EXPECT_TRUE(eventually([&] { return meters.of("acme")->in_use() == 0; }));
+  // Uploads, too.
+  const Mesh large = sheet_mesh(300, 300);
+  const auto upload = engine->begin_upload(header_of(large, "large"), within(mib));
+  EXPECT_THAT(outcome([&] {
+                for (const auto& message : upload_messages(large)) upload->add(message);
+              }),
+              testing::HasSubstr("quota bytes-in-flight"));
 }
 
 TEST_F(Tenants, CallsBeyondTheQuotaAreRefusedWithAHintAndOthersAreNot) {
