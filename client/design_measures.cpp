@@ -65,6 +65,7 @@ constexpr DesignMeasure measures[] = {
     {"interpolation_residual", false, [](const v1::DesignResult& result) { return Measured(result.interpolation_residual()); }},
     {"estimated_error", false, [](const v1::DesignResult& result) { return Measured(result.estimated_error()); }},
     {"relative_error", false, [](const v1::DesignResult& result) { return Measured(result.relative_error()); }},
+    {"reduction_error", false, [](const v1::DesignResult& result) { return Measured(result.reduction_error()); }},
     {"max_error", false, [](const v1::DesignResult& result) { return Measured(result.max_error()); }},
     {"missed", true, missed},
 };

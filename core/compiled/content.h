@@ -92,6 +92,7 @@ struct Content {
   double scale = 1;               ///< of unit coordinates
   double error_margin = 1;        ///< between the errors of the bases and the error that is reported
   double allowed_error = 0;       ///< of a design that has converged, as a fraction of D or of a larger motion; 0: none is set
+  double reduction_error = 0;     ///< of the largest prescribed displacement: what fewer centres than all may have changed
   double condition = 0;           ///< of the matrix that was factored, estimated; 0: not known
   bool converged = true;          ///< the basis is what its solver was to reach
   /// The errors of the bases are prescribed - actual values at points of handles and fixed regions, and not estimates of

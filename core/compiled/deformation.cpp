@@ -12,6 +12,7 @@
 #include "core/base/bounds.h"
 #include "core/base/error.h"
 #include "core/base/number_text.h"
+#include "core/base/reduction_error.h"
 #include "core/base/vectors.h"
 #include "core/compiled/field_sums.h"
 #include "core/compiled/reader.h"
@@ -615,6 +616,8 @@ Report Deformation::report(std::span<const double> variables) const {
   Report report;
   report.doubts = doubts(maps, values);
   if (!size_.stray.empty()) report.doubts.push_back(size_.stray);
+  if (std::string reduced = reduction_doubt(content_.reduction_error); !reduced.empty())
+    report.doubts.push_back(std::move(reduced));
   report.prescribed_displacement = largest_displacement(maps);
   const Bound design = bound({maps}, 1);
   const std::size_t fields = content_.fields();

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
+#include <charconv>
 #include <cmath>
 #include <cstring>
 #include <fstream>
@@ -246,6 +247,12 @@ void Parser::read_text() {
   if (key == "method") content_.method = value;
   if (key == "mesh") content_.mesh = value;
   if (key == "note") content_.notes.push_back(value);
+  if (key == "reduction_error") {
+    double& error = content_.reduction_error;
+    const char* const end = value.data() + value.size();
+    const auto read = std::from_chars(value.data(), end, error);
+    if (read.ec != std::errc() || read.ptr != end || !std::isfinite(error) || error < 0) damaged("TEXT: reduction_error");
+  }
 }
 
 void Parser::read_handle() {

@@ -2,6 +2,8 @@
 #include "core/compiled/records.h"
 
 #include <algorithm>
+#include <array>
+#include <charconv>
 #include <cstring>
 #include <utility>
 
@@ -18,6 +20,11 @@ constexpr std::size_t most_text = std::size_t{64} << 10;
 constexpr std::size_t position_bytes = sizeof(std::uint64_t);  // before the entries of an array
 
 [[noreturn]] void refuse_content(const std::string& message) { throw Error(ErrorCode::invalid_argument, message); }
+
+std::string all_digits(double value) {
+  std::array<char, 32> digits{};
+  return {digits.data(), std::to_chars(digits.data(), digits.data() + digits.size(), value).ptr};
+}
 
 void check_text(const std::string& text, const std::string& what) {
   if (text.size() > most_text) {
@@ -103,6 +110,7 @@ Records::Records(const Content& content, Values values) : content_(content), val
   head_of(content);  // refuses what has no form
   const auto number = [](Kind kind) { return static_cast<std::uint32_t>(kind); };
   texts_ = {{"creator", content.creator}, {"method", content.method}, {"mesh", content.mesh}};
+  if (content.reduction_error != 0) texts_.emplace_back("reduction_error", all_digits(content.reduction_error));
   for (const std::string& note : content.notes) texts_.emplace_back("note", note);
   plan(number(Kind::head), 0, sizeof(Head));
   for (std::size_t i = 0; i < texts_.size(); ++i) {

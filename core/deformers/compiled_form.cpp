@@ -60,6 +60,7 @@ CompiledForm::CompiledForm(const std::shared_ptr<const System>& system)
   content_.error_margin = error_margin;
   content_.allowed_error = info.solver == Solver::iterative ? info.tolerance : 0;
   content_.condition = std::isfinite(info.condition) ? info.condition : std::numeric_limits<double>::max();
+  content_.reduction_error = info.reduction_error;
   content_.held = system_->hard_handles();
   content_.misfits = system_->basis_.front().checked == HandleBasis::Checked::held;
   set_variables();

@@ -145,9 +145,13 @@ struct SystemInfo {
   Solver solver = Solver::cholesky;   ///< solver in use; for energy methods sparse Cholesky
   bool reduced = false;               ///< whether some constraint points are no centres
   double reduction_tolerance = 0;     ///< tolerance of the choice of centres; 0 if by another rule or all are centres
-  /// With a reduction tolerance: the largest misfit of the fields 1, x, y, z of a handle at any constraint point, as a fraction
+  /// If some are no centres: the largest misfit of the fields 1, x, y, z of a handle at any constraint point, as a fraction
   /// of the largest value of the field on the handle. It exceeds the tolerance if that would need more centres than are allowed.
+  /// With rings, for which there is no tolerance, at up to 50,000 of the constraint points.
   double reduction_misfit = 0;
+  /// An estimate of the largest distance of a point from where it would be if all constraint points were centres, as a fraction
+  /// of the largest prescribed displacement: see reduction_error() of centres.h. 0 if all are centres.
+  double reduction_error = 0;
   std::vector<std::string> notes;                             ///< decisions with their reasons, one sentence each
   std::vector<std::pair<std::string, double>> stage_seconds;  ///< "select", "assemble", "factor", "basis", in order
 };

@@ -61,6 +61,7 @@ v1::SystemInfo system_info(const SystemInfo& info, const v1::Setup& canonical, c
   message.set_reduced(info.reduced);
   message.set_reduction_tolerance(info.reduction_tolerance);
   message.set_reduction_misfit(info.reduction_misfit);
+  message.set_reduction_error(info.reduction_error);
   for (const auto& note : info.notes) message.add_notes(note);
   double seconds = 0;
   for (const auto& [stage, time] : info.stage_seconds) {

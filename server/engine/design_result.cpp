@@ -29,6 +29,7 @@ v1::DesignResult design_result(const DeliveredDesign& delivered, const DesignRep
   result.set_prescribed_displacement(report.prescribed_displacement);
   result.set_control_displacement(report.control_displacement);
   result.set_estimated_error(report.error);
+  result.set_reduction_error(info.reduction_error() * report.prescribed_displacement);
   if (result.max_displacement() > 0) result.set_relative_error(report.error / result.max_displacement());
   if (const auto warning = displacement_warning(delivered.displacement, report.prescribed_displacement, info.diagonal(),
                                                 convert::method_facts(info.setup()).overshoot)) {

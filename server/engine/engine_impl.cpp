@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "core/base/control_group.h"
+#include "core/base/reduction_error.h"
 #include "core/base/version.h"
 #include "core/deformers/handle_shapes.h"
 #include "proto/convert/base/block.h"
@@ -394,6 +395,9 @@ std::shared_ptr<DeformJob> EngineImpl::deform(v1::DeformRequest request, std::ui
       for (const Design& design : designs) {
         doubts.push_back(handle_shape_doubts(system.setup, design));
         if (const std::string& stray = system.size().stray; !stray.empty()) doubts.back().push_back(stray);
+        if (std::string reduced = reduction_doubt(system.info.reduction_error()); !reduced.empty()) {
+          doubts.back().push_back(std::move(reduced));
+        }
       }
       return evaluation;
     };

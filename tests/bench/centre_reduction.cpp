@@ -274,8 +274,8 @@ double misfit_at_joins(const Mesh& mesh, const SelectedRegions& regions, const R
 }
 
 void print(const char* name, const Result& result, double moved, std::size_t common, const Points* coarser, const Result* all) {
-  std::printf("  %-10s %8zu %9zu %9.1e %8.2f %7.0f %9.1e", name, result.info.centres, result.info.constraint_points,
-              result.info.reduction_misfit, result.seconds, result.mib, result.info.condition);
+  std::printf("  %-10s %8zu %9zu %9.1e %9.1e %8.2f %7.0f %9.1e", name, result.info.centres, result.info.constraint_points,
+              result.info.reduction_misfit, result.info.reduction_error, result.seconds, result.mib, result.info.condition);
   coarser != nullptr ? std::printf(" %10.2e", difference(*coarser, result.points, common) / moved) : std::printf(" %10s", "");
   all != nullptr ? std::printf(" %10.2e %9.3f", difference(all->points, result.points, all->points.size()) / moved,
                                result.roughness / all->roughness)
@@ -285,8 +285,8 @@ void print(const char* name, const Result& result, double moved, std::size_t com
 }
 
 void refine(const Case& example, const std::vector<std::size_t>& sizes) {
-  std::printf("\n%s\n  %-10s %8s %9s %9s %8s %7s %9s %10s %10s %9s\n", example.name.c_str(), "centres", "number", "of", "misfit",
-              "CPU s", "MiB", "condition", "d coarser", "d all", "rough/all");
+  std::printf("\n%s\n  %-10s %8s %9s %9s %9s %8s %7s %9s %10s %10s %9s\n", example.name.c_str(), "centres", "number", "of",
+              "misfit", "estimate", "CPU s", "MiB", "condition", "d coarser", "d all", "rough/all");
   const std::size_t common = example.mesh.point_count();  // these points keep their ids
   Points few, rings, everything;
   for (const std::size_t size : sizes) {
@@ -321,9 +321,9 @@ void refine(const Case& example, const std::vector<std::size_t>& sizes) {
 void large_reductions(const std::vector<std::size_t>& sizes) {
   std::printf(
       "\nreduction of centres, the README's setup on meshes of deform sample --points; differences in fractions of the largest\n"
-      "displacement, misfit at joins in fractions of the shortest edge there\n  %-10s %8s %9s %9s %8s %7s %9s %10s %10s %9s "
+      "displacement, misfit at joins in fractions of the shortest edge there\n  %-10s %8s %9s %9s %9s %8s %7s %9s %10s %10s %9s "
       "%9s\n",
-      "centres", "number", "of", "misfit", "CPU s", "MiB", "condition", "d coarser", "d all", "joins", "moves");
+      "centres", "number", "of", "misfit", "estimate", "CPU s", "MiB", "condition", "d coarser", "d all", "joins", "moves");
   Mesh coarser;
   Points few, rings, everything;
   for (const std::size_t size : sizes) {
@@ -332,8 +332,8 @@ void large_reductions(const std::vector<std::size_t>& sizes) {
     std::printf(" %zu points\n", mesh->point_count());
     const auto row = [&](const char* name, const Result& result, const Points* before, const Result* all, double joins) {
       const double moved = largest_displacement(*mesh, result.points);
-      std::printf("  %-10s %8zu %9zu %9.1e %8.2f %7.0f %9.1e", name, result.info.centres, result.info.constraint_points,
-                  result.info.reduction_misfit, result.seconds, result.mib, result.info.condition);
+      std::printf("  %-10s %8zu %9zu %9.1e %9.1e %8.2f %7.0f %9.1e", name, result.info.centres, result.info.constraint_points,
+                  result.info.reduction_misfit, result.info.reduction_error, result.seconds, result.mib, result.info.condition);
       const auto number = [](bool known, double value) { known ? std::printf(" %10.2e", value) : std::printf(" %10s", ""); };
       number(before != nullptr && !before->empty(),
              before == nullptr || before->empty()

@@ -158,6 +158,21 @@ class Compiled(EndToEnd):
                 told.add(applied["verdict"])
         self.assertEqual(told, {"doubtful", "bad"})
 
+    def test_fewer_centres_than_points_are_told_wherever_it_is_computed(self):
+        self.write("rings.yaml", AHMED_SETUP.replace("TRIHARMONIC", "TRIHARMONIC, reduction: REDUCTION_RINGS, reduction_rings: 3"))
+        self.compile("rings.yaml")
+        reports = [self.deform("apply", what, "--set", "roof_up=0.03", "-o", "out.obj", "--json").json["report"]
+                   for what in ("rings.yaml", "car.deformation")]
+        for report in reports:
+            self.assertEqual(report["verdict"], "doubtful")
+            self.assertIn("not all handle and fixed points are centres", " ".join(report["reasons"]))
+            self.assertGreater(report["reduction_error"], 0.01 * 0.03)
+            for key in ("reasons", "reduction_error"):
+                self.assertEqual(report[key], reports[0][key])
+        self.fails(4, "apply", "rings.yaml", "--set", "roof_up=0.03", "-o", "out.obj", "--fail-on", "reduction_error>1e-5",
+                   says=["reduction_error"], prints=True)
+        self.assertIn("not all handle and fixed points are centres", self.deform("apply", "rings.yaml", "--set", "roof_up=0.03", "-o", "out.obj").out)
+
     def test_the_file_is_what_the_server_computes(self):
         compiled = self.compile()
         self.assertEqual(compiled["bytes"], os.path.getsize(self.path("car.deformation")))

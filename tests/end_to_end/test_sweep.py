@@ -311,6 +311,24 @@ variables:
         failed = self.fails(1, "sweep", "free.yaml", "--designs", "designs.csv", "-o", "results", "--json", prints=True).json["failed"]
         self.assertEqual(failed, {"design_0002": 'designs.csv:3: variables: they move handle "roof" farther than a number can say'})
 
+    def test_the_error_of_every_design_is_recorded(self):
+        rows = [(f"d{k}", (0.01 * k, -0.02 * k)) for k in range(4)]
+        self.write("few.csv", table(rows))
+        applied = {}
+        for name, (roof_up, slant_turn) in rows:
+            report = self.deform("apply", "setup.yaml", "--set", f"roof_up={roof_up}", "--set", f"slant_turn={slant_turn}", "-o", "one.obj",
+                                 "--json").json["report"]
+            applied[name] = {key: report[key] for key in ("estimated_error", "relative_error")}
+        for output in ("few", "few.tar"):
+            told = self.sweep("few.csv", output)["largest_error"]
+            recorded = {entry["name"]: entry for entry in self.recorded(output).results.values()}
+            self.assertEqual({name: {key: recorded[name][key] for key in applied[name]} for name in applied}, applied)
+            worst = max(applied, key=lambda name: applied[name]["relative_error"])
+            self.assertEqual(told, {"name": worst, **applied[worst]})
+            again = self.sweep("few.csv", output)
+            self.assertEqual((again["skipped"], again["largest_error"]), (4, told), "known of earlier results, too")
+        self.assertIn("largest estimated error", self.deform(*self.command("few.csv", "few")).out)
+
     def test_designs_that_miss_exact_constraints_are_not_written(self):
         self.write("plate.obj", plate())
         ends = "[{union: [{box: {min: [-1, -1, -1], max: [0.1, 2, 1]}}, {box: {min: [1.9, -1, -1], max: [3, 2, 1]}}]}]"

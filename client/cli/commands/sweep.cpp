@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <atomic>
 #include <chrono>
+#include <cmath>
 #include <exception>
 #include <iostream>
 #include <map>
@@ -62,6 +63,11 @@ struct SweepReport {
   std::map<std::string, std::vector<std::string>> doubtful;  ///< and of bad ones, what would have made them so
   std::map<std::string, std::vector<std::string>> gate;      ///< gates that failed
   std::map<std::string, std::vector<std::string>> warnings;
+  /// Of the results whose errors are known: the largest one relative to the motion, and whose it is; empty if none is.
+  struct WorstError {
+    std::string name;
+    double estimated_error = 0, relative_error = 0;
+  } worst;
   std::map<std::string, double> inverted;  ///< designs with inverted cells, and their safe amplitudes
   std::map<std::string, double> partial;   ///< written ones whose split did not arrive, and how much of the motion they made
 
@@ -74,6 +80,10 @@ struct SweepReport {
     if (!verdicts.doubts.empty()) doubtful.emplace(name, verdicts.doubts);
     if (!verdicts.warnings.empty()) warnings.emplace(name, verdicts.warnings);
     if (verdicts.safe_amplitude) inverted.emplace(name, *verdicts.safe_amplitude);
+    const bool known = verdicts.estimated_error && verdicts.relative_error;
+    if (known && (worst.name.empty() || !(*verdicts.relative_error <= worst.relative_error))) {
+      worst = {name, *verdicts.estimated_error, *verdicts.relative_error};
+    }
     if (verdicts.reached) partial.emplace(name, *verdicts.reached);
     for (const auto& [text, failure] : verdicts.gates) {
       if (!failure.empty()) gate[name].push_back(failure);
@@ -88,6 +98,10 @@ ResultVerdicts verdicts_of(const v1::DesignResult& result, const DesignGates& ga
   verdicts.warnings = warnings_of(result);
   if (has_inverted_cells(result)) verdicts.safe_amplitude = result.cells().safe_amplitude();
   verdicts.reached = fraction_reached(result);
+  if (std::isfinite(result.estimated_error()) && std::isfinite(result.relative_error())) {
+    verdicts.estimated_error = result.estimated_error();
+    verdicts.relative_error = result.relative_error();
+  }
   for (const Gate& gate : gates.gates()) verdicts.gates[gate.text];
   for (const FailedGate& failed : gates.failed(result)) verdicts.gates[failed.text] = to_text(failed);
   return verdicts;
@@ -298,6 +312,11 @@ void print_json(const SweepReport& report, const std::string& output) {
   json["seconds"] = report.seconds;
   json["bytes_received"] = report.bytes_received;
   json["max_error"] = report.max_error;
+  if (!report.worst.name.empty()) {
+    json["largest_error"] = {{"name", report.worst.name},
+                             {"estimated_error", report.worst.estimated_error},
+                             {"relative_error", report.worst.relative_error}};
+  }
   json["inverted"] = report.inverted;
   json["partial"] = report.partial;
   std::map<std::string, std::string> failed = report.failed;
@@ -322,6 +341,10 @@ void print_text(const SweepReport& report, const std::string& output) {
             << (report.skipped > 0 ? ", " + std::to_string(report.skipped) + " were there already" : "")
             << (report.partial.empty() ? "" : "; " + std::to_string(report.partial.size()) + " made only a part of their motion")
             << '\n';
+  if (!report.worst.name.empty()) {
+    std::cout << "  largest estimated error " << number_text(report.worst.estimated_error) << " ("
+              << number_text(report.worst.relative_error) << " of the largest displacement), of " << report.worst.name << '\n';
+  }
   for (const auto& [name, reasons] : report.bad) {
     for (const auto& reason : reasons) std::cout << "  " << name << " bad: " << reason << '\n';
   }

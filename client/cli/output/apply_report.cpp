@@ -32,6 +32,10 @@ void print_verdict(const v1::DesignResult& result, std::ostream& out) {
   if (result.verdict() == v1::VERDICT_UNKNOWN) return;
   out << "  estimated error " << number_text(result.estimated_error()) << " (" << number_text(result.relative_error())
       << " of the largest displacement): " << verdict_name(result.verdict()) << '\n';
+  if (result.reduction_error() > 0) {
+    out << "  not all handle and fixed points are centres: with all, points might be up to about "
+        << number_text(result.reduction_error()) << " elsewhere\n";
+  }
   const bool bad = result.verdict() == v1::VERDICT_BAD;
   for (const auto& reason : bad_reasons(result)) out << "    " << printable(reason) << '\n';
   for (const auto& reason : doubts(result)) out << (bad ? "    doubtful besides: " : "    ") << printable(reason) << '\n';
@@ -79,6 +83,7 @@ nlohmann::ordered_json applied_json(const Applied& applied) {
   if (applied.result.control_displacement() > 0) report["control_displacement"] = applied.result.control_displacement();
   report["blocks_fell_back"] = applied.result.blocks_fell_back();
   report["estimated_error"] = applied.result.estimated_error();
+  report["reduction_error"] = applied.result.reduction_error();
   report["relative_error"] = applied.result.relative_error();
   report["verdict"] = verdict_name(applied.result.verdict());
   report["reasons"] = std::vector<std::string>(applied.result.reasons().begin(), applied.result.reasons().end());

@@ -22,6 +22,7 @@ v1::DesignResult compiled_result(const compiled::Deformation& deformation, const
   result.set_max_displacement(largest.value);
   result.set_prescribed_displacement(report.prescribed_displacement);
   result.set_estimated_error(report.error);
+  result.set_reduction_error(content.reduction_error * report.prescribed_displacement);
   if (largest.value > 0) result.set_relative_error(report.error / largest.value);
   if (const auto warning = displacement_warning(largest, report.prescribed_displacement, content.diagonal, method.overshoot)) {
     result.add_warnings(*warning);

@@ -24,6 +24,8 @@ void add(const ResultVerdicts& verdicts, ManifestJson& json) {
     json["state"] = "final";  // not "done": it made only a part of its motion, and no further run makes more
     json["reached"] = *verdicts.reached;
   }
+  if (verdicts.estimated_error) json["estimated_error"] = *verdicts.estimated_error;
+  if (verdicts.relative_error) json["relative_error"] = *verdicts.relative_error;
   if (!verdicts.doubts.empty()) json["doubtful"] = verdicts.doubts;
   if (!verdicts.warnings.empty()) json["warnings"] = verdicts.warnings;
   for (const auto& [gate, failure] : verdicts.gates) json["gate"][gate] = failure.empty() ? "passed" : failure;
@@ -48,6 +50,8 @@ ResultVerdicts parse_verdicts(const ManifestJson& json) {
   ResultVerdicts verdicts;
   if (json.contains("bad")) verdicts.reasons = json["bad"].get<std::vector<std::string>>();
   if (json.contains("safe_amplitude")) verdicts.safe_amplitude = json["safe_amplitude"].get<double>();
+  if (json.contains("estimated_error")) verdicts.estimated_error = json["estimated_error"].get<double>();
+  if (json.contains("relative_error")) verdicts.relative_error = json["relative_error"].get<double>();
   if (json.contains("reached")) verdicts.reached = json["reached"].get<double>();
   if (json.contains("doubtful")) verdicts.doubts = json["doubtful"].get<std::vector<std::string>>();
   if (json.contains("warnings")) verdicts.warnings = json["warnings"].get<std::vector<std::string>>();

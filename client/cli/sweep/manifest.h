@@ -22,6 +22,8 @@ struct ResultVerdicts {
   std::vector<std::string> warnings = {};    ///< what is striking about it, a sentence each
   /// How much of the motion it has made where a split did not arrive: final, but not the design that was asked for.
   std::optional<double> reached = {};
+  /// Of the points, and as a fraction of the largest displacement; unknown of results of earlier versions.
+  std::optional<double> estimated_error = {}, relative_error = {};
 };
 
 /// Why a design has no result.

@@ -239,6 +239,7 @@ void ComposedSystem::add_stage_info(std::size_t stage) {
   info_.reduced = info_.reduced || own.reduced;
   info_.reduction_tolerance = std::max(info_.reduction_tolerance, own.reduction_tolerance);
   info_.reduction_misfit = std::max(info_.reduction_misfit, own.reduction_misfit);
+  info_.reduction_error += own.reduction_error;
   const std::string field = stage_field(stage);
   for (const std::string& note : own.notes) info_.notes.push_back(field + ": " + note);
   for (const auto& [name, seconds] : own.stage_seconds) info_.stage_seconds.emplace_back(field + " " + name, seconds);

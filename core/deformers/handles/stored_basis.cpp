@@ -115,7 +115,8 @@ void visit_info(Archive& archive, Info& info) {
   all(info.points, info.fixed_points, info.handle_points, info.deformable_points, info.constraint_points, info.centres,
       info.held_points, info.samples, info.functions, info.cubature_points, info.merged_duplicates, info.polynomial_terms,
       info.affine_hull_dimension, info.basis_fields, info.bytes, info.factor_bytes, info.basis_bytes, info.design_bytes,
-      info.diagonal, info.condition, info.tolerance, info.solver, info.reduced, info.reduction_tolerance, info.reduction_misfit);
+      info.diagonal, info.condition, info.tolerance, info.solver, info.reduced, info.reduction_tolerance, info.reduction_misfit,
+      info.reduction_error);
   archive.items(info.notes, [&](auto& note) { archive.array(note); });
   archive.items(info.stage_seconds, [&](auto& stage) {
     archive.array(stage.first);

@@ -207,6 +207,12 @@ std::string choose_graded(const Mesh& mesh, const RbfOptions& options, const Con
 
 }  // namespace
 
+double reduction_error(const RbfOptions& options, double misfit) {
+  constexpr double amplified[] = {1, 1, 60, 150};  // by the order of the kernel
+  const auto order = static_cast<std::size_t>(properties(*options.kernel).order);
+  return misfit * (options.reduction == CentreReduction::rings ? 1 : amplified[std::min<std::size_t>(order, 3)]);
+}
+
 RbfCentres choose_centres(const Mesh& mesh, const ConstraintPoints& points, std::size_t handles, const RbfOptions& options,
                           const RunContext& context) {
   RbfCentres centres;

@@ -30,6 +30,12 @@ unsigned odd_planes(const PartPlan& plan, const Symmetry& symmetry) {
   return odd ? 1u << plan.components.front() : 0u;
 }
 
+/// Of so many constraint points one in so many is looked at before all are.
+std::size_t stride_of(std::size_t points) {
+  constexpr std::size_t sampled = 50000;
+  return (points + sampled - 1) / sampled;
+}
+
 /// The distance to the nearest other place, over an evenly strided sample of the first `count` places: the median, and at
 /// most 1.25 times the first decile for the densest.
 double spacing(const std::vector<Vec3>& places, std::size_t count, ShapeRule rule) {
@@ -66,6 +72,7 @@ RbfSystem::RbfSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, const
     refine_centres(context, memory_budget);
   } else {
     prepare_parts(context, memory_budget);
+    if (centres_.reduced) measure_misfit(context);
   }
   end_stage("factor");
   prepare_basis(context);
@@ -74,12 +81,26 @@ RbfSystem::RbfSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, const
   add_notes();
 }
 
-void RbfSystem::refine_centres(const RunContext& context, std::size_t memory_budget) {
+std::vector<PointId> RbfSystem::candidates() const {
   std::vector<PointId> all;
   for (std::size_t i = 0; i < mesh_->point_count(); ++i) {
     const auto id = static_cast<PointId>(i);
     if (points_.region_of[i] != deformable_region && !regions_.symmetry.sector().is_second(id)) all.push_back(id);
   }
+  return all;
+}
+
+void RbfSystem::measure_misfit(const RunContext& context) {
+  const std::vector<PointId> all = candidates();
+  std::vector<PointId> ids;
+  for (std::size_t i = 0; i < all.size(); i += stride_of(all.size())) ids.push_back(all[i]);
+  if (ids.empty()) return;
+  const std::vector<double> missed = misfits(ids, context);
+  misfit_ = *std::max_element(missed.begin(), missed.end());
+}
+
+void RbfSystem::refine_centres(const RunContext& context, std::size_t memory_budget) {
+  const std::vector<PointId> all = candidates();
   if (!centres_.coarse.empty()) {
     std::swap(centres_.ids, centres_.coarse);
     add_missed(all, most_coarse, Look::at_some, context, memory_budget);
@@ -92,9 +113,8 @@ void RbfSystem::refine_centres(const RunContext& context, std::size_t memory_bud
 void RbfSystem::add_missed(const std::vector<PointId>& at, std::size_t limit, Look look, const RunContext& context,
                            std::size_t memory_budget) {
   constexpr int most_rounds = 8;
-  constexpr std::size_t sampled = 50000;
   // Check a subset as long as there is something to add, and all points in the end.
-  std::size_t stride = (at.size() + sampled - 1) / sampled;
+  std::size_t stride = stride_of(at.size());
   for (int round = 0;; ++round) {
     parts_.clear();
     factor_bytes_ = check_bytes_ = 0;
@@ -390,9 +410,10 @@ void RbfSystem::fill_info() {
   }
   info_.tolerance = to_tolerance(info_.solver) ? options_.tolerance : 0;
   info_.reduced = centres_.reduced;
-  if (centres_.reduced && options_.reduction == CentreReduction::tolerance) {
-    info_.reduction_tolerance = reduction_tolerance(options_);
+  if (centres_.reduced) {
+    if (options_.reduction == CentreReduction::tolerance) info_.reduction_tolerance = reduction_tolerance(options_);
     info_.reduction_misfit = misfit_;
+    info_.reduction_error = reduction_error(options_, misfit_);
   }
   for (const HandleBasis& basis : basis_) check_bytes_ += (basis.errors.size() + basis.more.size()) * sizeof(double);
   set_bytes(factor_bytes_, check_bytes_);
@@ -400,14 +421,15 @@ void RbfSystem::fill_info() {
 
 void RbfSystem::add_notes() {
   info_.notes = centres_.notes;
-  if (info_.reduction_tolerance > 0) {
-    const bool met = info_.reduction_misfit <= info_.reduction_tolerance;
+  if (centres_.reduced) {
+    const bool met = info_.reduction_tolerance == 0 || info_.reduction_misfit <= info_.reduction_tolerance;
     info_.notes.push_back(
         std::to_string(centres_.ids.size()) + " of " + std::to_string(points_.count) +
-        " constraint points are centres: motions of the handles are met at all of them to " + scientific(misfit_) +
-        " of their largest displacement" +
+        " constraint points are centres: motions of the handles are missed at the others by at most " + scientific(misfit_) +
+        " of their largest displacement, and points may be " + scientific(info_.reduction_error) +
+        " of it from where they would be if all were centres" +
         (met ? "."
-             : ", not to the reduction tolerance of " + scientific(reduction_tolerance(options_)) +
+             : "; that is above the reduction tolerance of " + scientific(reduction_tolerance(options_)) +
                    ", which takes more centres (regions that touch each other and move apart need all of them)."));
   }
   const auto symmetry_notes = deform::symmetry_notes(regions_.symmetry, centres_);

@@ -35,6 +35,10 @@ class RbfSystem : public HandleSystem {
   std::unique_ptr<const Evaluation> derivative(std::span<const double> variables, const std::vector<Affine>& maps,
                                                const RunContext& context) const override;
   Fields adjoint(std::span<const double> variables, Cotangents at_following, const RunContext& context) const override;
+  /// Handle and fixed points that may become centres.
+  std::vector<PointId> candidates() const;
+  /// Sets misfit_ of centres that are not added to.
+  void measure_misfit(const RunContext& context);
   /// Prepares parts, and adds centres at the largest misfits of the handle fields until the tolerance of the reduction is met.
   void refine_centres(const RunContext& context, std::size_t memory_budget);
   /// The same for misfits at some points, or at all of these, up to `limit` centres.

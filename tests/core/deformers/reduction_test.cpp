@@ -10,6 +10,7 @@
 #include <string>
 #include <utility>
 
+#include "core/base/reduction_error.h"
 #include "core/base/vectors.h"
 #include "core/deformers/methods.h"
 #include "core/deformers/rbf/centres.h"
@@ -110,9 +111,31 @@ TEST(Reduction, HardlyChangesTheResultOfAllCentres) {
       const Points got = reduced->evaluate(design), expected = full->evaluate(design);
       const double moved = largest_displacement(*mesh, expected);
       EXPECT_LT(test::distance(got, expected), 0.01 * moved) << properties(kernel).name;
+      const double estimated =
+          info.reduction_error * reduced->bind({&design, 1}, EvaluationPath::automatic, {})->report(0).prescribed_displacement;
+      EXPECT_LT(test::distance(got, expected), 2 * estimated) << properties(kernel).name;
+      EXPECT_LT(info.reduction_error, doubtful_reduction);
       EXPECT_LT(roughness(*mesh, regions, got), 1.02 * roughness(*mesh, regions, expected)) << properties(kernel).name;
     }
   }
+}
+
+// Of rings the points far away are missed, which the estimate counts. Where all are centres there is nothing to estimate.
+TEST(Reduction, RingsSayHowFarTheyAreFromAllCentres) {
+  const auto mesh = shared(car(5000));
+  RbfOptions rings = {}, all = all_centres();
+  rings.reduction = CentreReduction::rings;
+  const auto reduced = prepare(mesh, with(car_setup(), rings)), full = prepare(mesh, with(car_setup(), all));
+  EXPECT_EQ(full->info().reduction_error, 0);
+  const SystemInfo& info = reduced->info();
+  EXPECT_GT(info.reduction_error, doubtful_reduction);
+  EXPECT_EQ(info.reduction_tolerance, 0);
+  const Design design{{0.03, -0.1}, {}};
+  const auto bound = reduced->bind({&design, 1}, EvaluationPath::automatic, {});
+  const double off = test::distance(reduced->evaluate(design), full->evaluate(design));
+  const double estimated = info.reduction_error * bound->report(0).prescribed_displacement;
+  EXPECT_LT(off, 2 * estimated);
+  EXPECT_GT(off, estimated / 20);
 }
 
 // Refined, the sheet keeps its regions; what moves between them must not depend on how fine it is.
