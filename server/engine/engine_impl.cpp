@@ -54,6 +54,7 @@ StoreOptions store_options(const EngineOptions& options) {
   StoreOptions result;
   result.disk.keep_free = options.keep_free;
   result.most_bases = options.max_stored_bases;
+  result.naming = Naming::below_the_folder;
   return result;
 }
 

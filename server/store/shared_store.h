@@ -103,7 +103,7 @@ class SharedStore : public Store {
 
   const SharedStoreOptions options_;
   const std::unique_ptr<WatchedFiles> watched_;  // unless the options name other files
-  FileSystem& files_;
+  mutable StoreFiles files_;
   const std::unique_ptr<SharedCatalog> catalog_;
   const std::unique_ptr<StoreDirectory> directory_;
   DiskSpace disk_;

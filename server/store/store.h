@@ -20,6 +20,7 @@
 #include "server/store/disk_space.h"
 #include "server/store/file_system.h"
 #include "server/store/store_commands.h"
+#include "server/store/store_files.h"
 
 namespace deform::server {
 
@@ -30,6 +31,8 @@ struct StoreOptions {
   std::function<void(const char* step)> on_step = [](const char*) {};
   /// Outlives the store; null: that of this machine.
   FileSystem* files = nullptr;
+  /// In what clients are told.
+  Naming naming = Naming::in_full;
 };
 
 /// What a server has in memory of what is stored, for a store from which others remove, too.
