@@ -184,6 +184,7 @@ void serve(deform::server::Configuration configuration, const deform::server::Co
   for (const auto& [name, value, source] : configuration.effective) {
     if (is_limit(name)) configuration.server.limits.emplace_back(name, value);
   }
+  configuration.server.on_failure = [](const std::string& why) { give_up(why.c_str()); };
   const auto server = deform::server::start_server(configuration.server);
   if (!configuration.port_file.empty()) write_port_file(configuration.port_file, server->port());
   spdlog::info("listening on {}", server->address());

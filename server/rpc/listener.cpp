@@ -19,6 +19,7 @@
 #include <charconv>
 #include <cstring>
 #include <memory>
+#include <span>
 #include <utility>
 #include <vector>
 
@@ -36,6 +37,8 @@ constexpr std::size_t own_files = 256;  ///< for the store, the log, listening s
 constexpr std::chrono::milliseconds count_interval{20};
 constexpr std::chrono::milliseconds pause_without_files{10};
 constexpr std::chrono::seconds complaint_interval{10};
+constexpr std::chrono::seconds turn_interval{1};  ///< the thread comes round at least so often
+constexpr std::chrono::seconds turn_patience{10};
 
 Error cannot_listen(const std::string& address, const std::string& why) {
   return {ErrorCode::unavailable, "cannot listen on " + address + ": " + why};
@@ -130,6 +133,9 @@ std::string with_escaped_brackets(std::string peer, bool escaped) {
 }
 
 bool out_of_files(int error) { return error == EMFILE || error == ENFILE || error == ENOBUFS || error == ENOMEM; }
+
+/// What accept4() says of the listening socket; all else is of a connection that is gone already.
+bool is_for_good(int error) { return error == EBADF || error == EINVAL || error == ENOTSOCK || error == EOPNOTSUPP; }
 
 int open_spare() { return open("/dev/null", O_RDONLY | O_CLOEXEC); }
 
@@ -280,21 +286,58 @@ void Listener::run() {
   for (const int fd : listening_) wanted.push_back({fd, POLLIN, 0});
   wanted.push_back({wake_, POLLIN, 0});
   for (;;) {
-    if (poll(wanted.data(), wanted.size(), -1) < 0) continue;
+    ++turns_;
+    const int ready = poll(wanted.data(), wanted.size(), std::chrono::milliseconds(turn_interval).count());
+    if (ready < 0) {
+      if (errno == EINTR || errno == EAGAIN || errno == ENOMEM) {
+        std::this_thread::sleep_for(pause_without_files);
+        continue;
+      }
+      return give_up("cannot wait for connections", errno);
+    }
     if (wanted.back().revents != 0) return;
-    for (std::size_t i = 0; i + 1 < wanted.size(); ++i) {
-      if (wanted[i].revents != 0) accept_from(wanted[i].fd);
+    for (pollfd& one : std::span(wanted).first(wanted.size() - 1)) {
+      if (one.revents != 0 && !accept_from(one.fd)) one.fd = -1;  // which poll() leaves out
     }
   }
 }
 
-void Listener::accept_from(int listening) {
+std::string Listener::trouble(std::chrono::steady_clock::time_point now) {
+  {
+    const std::lock_guard lock(mutex_);
+    if (!broken_.empty()) return broken_;
+  }
+  const std::uint64_t turns = turns_;
+  const auto since = now - std::exchange(asked_, now);
+  if (std::exchange(turns_then_, turns) != turns || turns == 0) {  // 0: not started
+    silent_ = {};
+    return {};
+  }
+  silent_ += std::min<std::chrono::steady_clock::duration>(since, turn_interval);
+  if (silent_ <= turn_patience) return {};
+  return "the thread that accepts connections has not come round for " +
+         std::to_string(std::chrono::duration_cast<std::chrono::seconds>(silent_).count()) + " s";
+}
+
+void Listener::give_up(const char* what, int error) {
+  const std::lock_guard lock(mutex_);
+  broken_ = std::string(what) + ": " + std::strerror(error);
+  spdlog::error("connections: {}", broken_);
+}
+
+bool Listener::accept_from(int listening) {
   OwnedFile connection(accept4(listening, nullptr, nullptr, SOCK_NONBLOCK | SOCK_CLOEXEC));
   if (connection.fd() < 0) {
-    if (out_of_files(errno)) without_files(listening);
-    return;  // any other error is of a connection that is gone already
+    const int error = errno;
+    if (out_of_files(error)) without_files(listening);
+    if (!is_for_good(error)) return true;
+    give_up("nothing can be accepted from a socket that is listened on", error);
+    return false;
   }
-  if (!has_room()) return note_refusal("as many connections are open as --max-connections allows");
+  if (!has_room()) {
+    note_refusal("as many connections are open as --max-connections allows");
+    return true;
+  }
   if (port_ != 0) {
     set_number(connection.fd(), IPPROTO_TCP, TCP_NODELAY, 1);
     set_number(connection.fd(), IPPROTO_TCP, TCP_USER_TIMEOUT, static_cast<int>(options_.unacknowledged.count()));
@@ -304,6 +347,7 @@ void Listener::accept_from(int listening) {
     open_[connection.fd()] = {socket_inode(connection.fd())};
   }
   take_(connection.release());
+  return true;
 }
 
 /// Closes a connection that would wait for ever, by means of the spare file.

@@ -73,6 +73,11 @@ class Listener {
   /// Closes it and says why in the log, unless it is closed already. Any thread.
   void cut_off(const Busy& connection, const char* why);
 
+  /// Why no connection is accepted any more; empty while they are. For one thread that asks again and again: the thread of the
+  /// listener hangs when it has not come round for 10 s in which whoever asks has. A process that was stopped and goes on is
+  /// given that time anew.
+  std::string trouble(std::chrono::steady_clock::time_point now = std::chrono::steady_clock::now());
+
   /// More than so many are closed at once from now on; those that are open stay.
   void set_limit(std::size_t connections) { max_connections_ = connections; }
   struct Connected {
@@ -89,7 +94,9 @@ class Listener {
   void bind_unix();
   void bind_tcp();
   void run();
-  void accept_from(int listening);
+  /// False when nothing is ever accepted from this socket again.
+  bool accept_from(int listening);
+  void give_up(const char* what, int error);
   void without_files(int listening);
   bool has_room();
   void note_refusal(const char* why);
@@ -103,6 +110,7 @@ class Listener {
   std::function<void(int)> take_;
   std::atomic<std::uint64_t> refused_{0};
   std::atomic<std::uint64_t> cut_off_{0};
+  std::atomic<std::uint64_t> turns_{0};  ///< of the thread
   std::thread thread_;
   /// A connection that was handed on.
   struct Open {
@@ -113,7 +121,13 @@ class Listener {
   };
   void close_now(int fd, Open& connection, const char* why);
   std::mutex mutex_;
-  std::unordered_map<int, Open> open_;  ///< by file descriptor; under mutex_
+  // under mutex_
+  std::unordered_map<int, Open> open_;  ///< by file descriptor
+  std::string broken_;                  ///< why a socket is of no use any more
+  // of whoever asks for trouble()
+  std::chrono::steady_clock::time_point asked_{};
+  std::chrono::steady_clock::duration silent_{0};
+  std::uint64_t turns_then_ = 0;
   // of the thread
   std::chrono::steady_clock::time_point counted_{}, complained_{};
   std::uint64_t complained_at_ = 0;  ///< refused() then

@@ -138,7 +138,10 @@ std::string failed_health_call(grpc::Server& server) {
 class GrpcServer final : public RunningServer {
  public:
   GrpcServer(const ServerOptions& options, std::unique_ptr<Engine> engine)
-      : engine_(std::move(engine)), service_(*engine_, with_certificates(options)), address_(options.address) {
+      : engine_(std::move(engine)),
+        service_(*engine_, with_certificates(options)),
+        address_(options.address),
+        on_failure_(options.on_failure) {
     set_up_libraries();
     credentials_ = options.tls.on() ? tls_credentials(options.tls) : grpc::InsecureServerCredentials();
     warn_of_exposure(options);
@@ -337,10 +340,30 @@ class GrpcServer final : public RunningServer {
 
   std::vector<HealthCheck> ready_checks() const {
     const v1::StoreInfo store = engine_->store();
-    return {{"accepting", !draining_ && !drained_,
-             draining_ ? "the server shuts down" : "draining: its operator sends clients elsewhere"},
+    std::string refuses = accept_trouble();
+    if (drained_) refuses = "draining: its operator sends clients elsewhere";
+    if (draining_) refuses = "the server shuts down";
+    return {{"accepting", refuses.empty(), refuses},
             {"store", store.writable(), store.reason()},
             {"memory", !service_.memory_full(), "the process occupies more memory than --memory-budget allows for"}};
+  }
+
+  std::string accept_trouble() const {
+    const std::lock_guard lock(trouble_mutex_);
+    return accept_trouble_;
+  }
+
+  /// Does the thread that accepts still turn, and its socket still listen?
+  void watch_listener() {
+    if (!listener_ || !accept_trouble().empty()) return;
+    const std::string why = listener_->trouble();
+    if (why.empty()) return;
+    spdlog::critical("connections: no more are accepted: {}", why);
+    {
+      const std::lock_guard lock(trouble_mutex_);
+      accept_trouble_ = why;
+    }
+    if (on_failure_) on_failure_("no more connections are accepted: " + why);
   }
 
   /// What the process occupies beyond what it did at its start counts against the budget, whatever was charged. `busy`: the
@@ -441,6 +464,7 @@ class GrpcServer final : public RunningServer {
     std::unique_lock lock(watch_mutex_);
     int turn = 0;
     while (!stopping_changed_.wait_for(lock, filling_ ? filling_interval : memory_interval, [this] { return stopping_; })) {
+      watch_listener();
       const std::vector<Listener::Busy> busy = watch_connections();
       if (engine_budgeted_) watch_memory(busy);
       watched_ = now();
@@ -471,7 +495,10 @@ class GrpcServer final : public RunningServer {
   std::unique_ptr<grpc::experimental::ExternalConnectionAcceptor> acceptor_;
   std::unique_ptr<Listener> listener_;
   std::string address_;
+  const std::function<void(const std::string&)> on_failure_;
   std::atomic<std::size_t> connection_limit_{0};
+  mutable std::mutex trouble_mutex_;
+  std::string accept_trouble_;  ///< under trouble_mutex_: why no connection is accepted any more
   RunningLimits limits_;
   std::mutex drain_mutex_;                                  ///< one change of health at a time
   std::atomic<bool> drained_{false};                        ///< by the operator

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <chrono>
+#include <functional>
 #include <memory>
 #include <string>
 #include <utility>
@@ -45,6 +46,9 @@ struct ServerOptions {
   ServiceOptions service;
   /// Names and values of further limits, to show to the operator; those that change while the server runs are known anyway.
   std::vector<std::pair<std::string, std::string>> limits;
+  /// Called once, by a thread of the server, when no connection can be accepted any more, with the reason: to be started again is
+  /// all that helps. Empty: only /readyz and the log say so.
+  std::function<void(const std::string& why)> on_failure;
 
   /// Throws Error(invalid_argument) naming the option and its limits.
   void validate() const;

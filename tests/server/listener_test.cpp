@@ -3,7 +3,7 @@
 // busy.
 #include "server/rpc/listener.h"
 
-#include <arpa/inet.h>
+#include <fcntl.h>
 #include <gtest/gtest.h>
 #include <sys/socket.h>
 #include <unistd.h>
@@ -13,6 +13,8 @@
 #include <mutex>
 #include <string>
 #include <vector>
+
+#include "tests/server/sockets.h"
 
 namespace deform::server {
 namespace {
@@ -38,14 +40,7 @@ class ListenerConnections : public testing::Test {
     for (int fd : taken_) close(fd);
   }
 
-  void connect_one() {
-    sockaddr_in address{};
-    address.sin_family = AF_INET;
-    address.sin_port = htons(static_cast<std::uint16_t>(listener_.port()));
-    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-    clients_.push_back(socket(AF_INET, SOCK_STREAM, 0));
-    ASSERT_EQ(connect(clients_.back(), reinterpret_cast<const sockaddr*>(&address), sizeof(address)), 0);
-  }
+  void connect_one() { clients_.push_back(connected_to(listener_.port())); }
   /// This client sends more than the listener takes for little.
   void send_much(int client) {
     const std::string much(16 << 10, 'x');
@@ -94,6 +89,96 @@ TEST_F(ListenerConnections, LeavesAnotherThatHasTheDescriptorOfAClosedOne) {
   EXPECT_EQ(listener_.cut_off_count(), 0);
   EXPECT_FALSE(ended(clients_[0]));
   EXPECT_FALSE(ended(clients_[1]));
+}
+
+/// A listener whose thread or socket fails.
+class ListenerTrouble : public testing::Test {
+ protected:
+  ListenerTrouble() {
+    listener_.start([this](int fd) {
+      close(fd);
+      std::unique_lock lock(mutex_);
+      ++taken_;
+      changed_.notify_all();
+      changed_.wait(lock, [this] { return !hangs_; });
+    });
+  }
+  ~ListenerTrouble() override {
+    hang(false);
+    listener_.stop();
+  }
+  void hang(bool hangs) {
+    const std::lock_guard lock(mutex_);
+    hangs_ = hangs;
+    changed_.notify_all();
+  }
+  /// Waits until the listener has taken one more.
+  void connect_one() {
+    std::unique_lock lock(mutex_);
+    const int before = taken_;
+    const int client = connected_to(listener_.port());
+    EXPECT_TRUE(changed_.wait_for(lock, std::chrono::seconds(20), [&] { return taken_ > before; })) << "not accepted";
+    close(client);
+  }
+  std::string trouble_in_time() {
+    std::string why;
+    for (int i = 0; i < 20'000 && why.empty(); ++i) {
+      usleep(1000);
+      why = listener_.trouble();
+    }
+    return why;
+  }
+
+  Listener listener_{Listener::Options{"127.0.0.1:0", 10}};
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  // under mutex_
+  int taken_ = 0;
+  bool hangs_ = false;
+};
+
+TEST_F(ListenerTrouble, ThereIsNoneWhileConnectionsAreAccepted) {
+  auto now = std::chrono::steady_clock::now();
+  for (int i = 0; i < 50; ++i) {
+    connect_one();
+    EXPECT_EQ(listener_.trouble(now += std::chrono::seconds(1)), "");
+  }
+}
+
+TEST_F(ListenerTrouble, AThreadThatHangsIsNoticedInTheTimeOfWhoeverAsks) {
+  auto now = std::chrono::steady_clock::now();
+  hang(true);
+  connect_one();
+  EXPECT_EQ(listener_.trouble(now), "");
+  EXPECT_EQ(listener_.trouble(now += std::chrono::hours(1)), "") << "whoever asks was stopped, too";
+  for (int i = 0; i < 9; ++i) EXPECT_EQ(listener_.trouble(now += std::chrono::seconds(1)), "") << i;
+  EXPECT_EQ(listener_.trouble(now += std::chrono::seconds(1)), "the thread that accepts connections has not come round for 11 s");
+  hang(false);
+  connect_one();
+  EXPECT_EQ(listener_.trouble(now += std::chrono::seconds(1)), "") << "it has come round again";
+}
+
+TEST_F(ListenerTrouble, ASocketThatIsShutDownIsNoticed) {
+  connect_one();
+  ASSERT_EQ(shutdown(listening_at(listener_.port()), SHUT_RDWR), 0);
+  EXPECT_EQ(trouble_in_time(), "nothing can be accepted from a socket that is listened on: Invalid argument");
+}
+
+TEST_F(ListenerTrouble, ADescriptorThatMeansSomethingElseIsNoticed) {
+  connect_one();
+  const int nothing = open("/dev/null", O_RDONLY);
+  ASSERT_GE(dup2(nothing, listening_at(listener_.port())), 0);
+  close(nothing);
+  EXPECT_EQ(trouble_in_time(), "nothing can be accepted from a socket that is listened on: Socket operation on non-socket");
+}
+
+TEST_F(ListenerTrouble, AClosedDescriptorIsNoticed) {
+  connect_one();
+  const int listening = listening_at(listener_.port());
+  ASSERT_EQ(close(listening), 0);
+  EXPECT_EQ(trouble_in_time(), "nothing can be accepted from a socket that is listened on: Bad file descriptor");
+  const int nothing = open("/dev/null", O_RDONLY);  // which the listener closes
+  if (nothing != listening) dup2(nothing, listening), close(nothing);
 }
 
 }  // namespace
