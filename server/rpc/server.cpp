@@ -188,6 +188,10 @@ class GrpcServer final : public RunningServer {
   std::string address() const override { return address_; }
   int port() const override { return listener_ ? listener_->port() : 0; }
   Engine& engine() override { return *engine_; }
+  std::optional<std::string> take_over(const std::string& option, const std::string& value) override {
+    if (!limits_.is_changeable(option)) return std::nullopt;
+    return limits_.set(option, value == "0" ? meant_by_zero(option) : value).before();
+  }
   std::shared_ptr<grpc::Channel> in_process_channel() override { return server_->InProcessChannel(grpc::ChannelArguments()); }
 
   bool stop(std::chrono::milliseconds grace) override {
@@ -305,6 +309,13 @@ class GrpcServer final : public RunningServer {
     limits_.add("memory-budget", to_text(info.memory_budget()));
     limits_.add("workers", std::to_string(info.workers()));
     for (const auto& [name, value] : options.limits) limits_.add(name, value);
+  }
+
+  /// What options leave to the server.
+  std::string meant_by_zero(const std::string& option) {
+    if (option == "cache-budget") return to_text(engine_->info().memory_budget() / 2);
+    if (option == "max-connections") return std::to_string(connection_limit(0));
+    return "0";
   }
 
   static std::chrono::steady_clock::rep now() { return std::chrono::steady_clock::now().time_since_epoch().count(); }

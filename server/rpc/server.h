@@ -4,6 +4,7 @@
 #include <chrono>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -63,6 +64,9 @@ class RunningServer {
   virtual std::string address() const = 0;
   virtual int port() const = 0;
   virtual Engine& engine() = 0;
+  /// Takes over what an option says now, where that needs no restart: what was in force before. Nothing for all other options.
+  /// Throws Error(invalid_argument) for a value that is wrong, and nothing changes.
+  virtual std::optional<std::string> take_over(const std::string& option, const std::string& value) = 0;
   /// A connection without a network.
   virtual std::shared_ptr<grpc::Channel> in_process_channel() = 0;
   /// Health turns to NOT_SERVING, new work is refused, what is under way may end within `grace`, the rest is cancelled. True when

@@ -176,6 +176,31 @@ class Operations(EndToEnd):
             self.assertIn("option metrics-address", done.stderr)
             self.assertIn(says, done.stderr)
 
+    def test_hangup_takes_limits_over(self):
+        self.write("server.yaml", "queue_limit: 100\n")
+        server = self.start_server("--config", self.path("server.yaml"), "--max-deadline", "60")
+        limits = lambda: {limit["name"]: limit["value"] for limit in self.deform("admin", "limits", "--json").json["limits"]}
+        before = limits()
+
+        def hang_up(text, logged):
+            self.write("server.yaml", text)
+            server.process.send_signal(signal.SIGHUP)
+            self.assert_logged(logged)
+
+        hang_up("queue_limit: 200\ncache_budget: 3MiB\nmax_connections: 77\nmax_points: 9\nmax_deadline: 5\n",
+                "option max-points=9 takes a restart; it stays 50000000")
+        for line in ("queue-limit=200 .*server.yaml:1. is taken over, before 100", "cache-budget=3MiB .* is taken over, before ",
+                     "max-connections=77 .* is taken over, before "):
+            self.assert_logged("option " + line)
+        self.assertEqual(limits(), {**before, "queue-limit": "200", "cache-budget": "3MiB", "max-connections": "77"}, "a flag wins over the file")
+        # What the operator has set stays as long as the options are what they were.
+        self.deform("admin", "limits", "queue-limit=9")
+        hang_up("queue_limit: 200\n", "option max-connections=0 .* is taken over, before 77")
+        self.assertEqual(limits(), {**before, "queue-limit": "9"})
+        hang_up("queue_limit: 300\ncache_budget: 900TiB\n", "option cache-budget=.* is not taken over, it stays: limit cache-budget: more than")
+        self.assertEqual(limits(), {**before, "queue-limit": "300"})
+        self.assertEqual(server.stop(), 0)
+
     def test_hangup_reopens_the_log_and_takes_the_level_over(self):
         self.write("server.yaml", "log_level: info\nworkers: 1\n")
         log = self.path("calls.log")
