@@ -17,6 +17,7 @@
 #include "deform/v1/service.pb.h"
 #include "server/engine/open_calls.h"
 #include "server/store/store_commands.h"
+#include "server/store/store_files.h"
 #include "server/store/tenant.h"
 
 namespace deform::server {
@@ -216,6 +217,8 @@ class Engine {
     std::uint64_t bytes = 0;
   };
   virtual StoredBasisCounts stored_bases() { return {}; }
+  /// How long the disk of the store takes.
+  virtual SyncTimes sync_times() { return {}; }
 
   // For the operator of the server.
   struct Evicted {

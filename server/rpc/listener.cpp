@@ -399,6 +399,12 @@ std::vector<Listener::Connected> Listener::connections() {
   return open;
 }
 
+std::size_t Listener::open_count() {
+  const std::lock_guard lock(mutex_);
+  return static_cast<std::size_t>(
+      std::count_if(open_.begin(), open_.end(), [](const auto& one) { return socket_inode(one.first) == one.second.inode; }));
+}
+
 std::vector<Listener::Busy> Listener::busy() {
   constexpr std::uint64_t much = 8 << 10;  // so that nobody suffers who sends little
   const std::lock_guard lock(mutex_);

@@ -87,6 +87,7 @@ class Listener {
   /// Those that are open, the oldest first. Any thread.
   std::vector<Connected> connections();
 
+  std::size_t open_count();
   std::uint64_t refused() const { return refused_; }        ///< connections beyond the limit so far
   std::uint64_t cut_off_count() const { return cut_off_; }  ///< connections that cut_off() closed so far
 

@@ -39,7 +39,8 @@ void let_in(ThreadPool& pool, ThreadPool::Task task) {
   constexpr std::uint32_t busy_retry_ms = 200;
   if (pool.try_post(std::move(task))) return;
   throw Error(ErrorCode::out_of_budget,
-              "too many calls are waiting (limit " + std::to_string(pool.queue_limit()) + "), try again later", busy_retry_ms);
+              "too many calls are waiting (limit " + std::to_string(pool.queue_limit()) + "), try again later", busy_retry_ms)
+      .refused_for(Refusal::queue);
 }
 
 }  // namespace
@@ -126,7 +127,8 @@ void CallScope::hold(std::size_t bytes) {
 void CallScope::check_draining() const {
   if (!*incoming_.draining || incoming_.needed != Role::use) return;
   throw Error(ErrorCode::unavailable, "the server is being drained and takes no new work; try another one, or again later",
-              draining_retry_ms);
+              draining_retry_ms)
+      .refused_for(Refusal::draining);
 }
 
 void CallScope::cut_off_soon() { cut_off_after(time_to_answer); }
@@ -146,7 +148,8 @@ void CallScope::cut_off_after(std::chrono::milliseconds time) {
 void CallScope::check_memory() const {
   if (!*incoming_.memory_full || incoming_.needed != Role::use) return;
   throw Error(ErrorCode::out_of_budget, "the process occupies more memory than --memory-budget allows for, try again later",
-              full_memory_retry_ms);
+              full_memory_retry_ms)
+      .refused_for(Refusal::memory);
 }
 
 void CallScope::check_access() {

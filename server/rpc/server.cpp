@@ -334,6 +334,8 @@ class GrpcServer final : public RunningServer {
     levels.memory_full = service_.memory_full();
     levels.max_connections = connection_limit_;
     levels.held_request_bytes = service_.held_request_bytes();
+    levels.syncs = engine_->sync_times();
+    levels.open_connections = listener_ ? listener_->open_count() : 0;
     levels.refused_connections = listener_ ? listener_->refused() : 0;
     levels.cut_off_connections = listener_ ? listener_->cut_off_count() : 0;
     return service_.metrics().text(levels);

@@ -19,7 +19,7 @@ Error to_error(const std::exception_ptr& exception) {
   } catch (const Error& error) {
     return error;
   } catch (const std::bad_alloc&) {
-    return {ErrorCode::out_of_budget, "not enough memory for this request"};
+    return Error(ErrorCode::out_of_budget, "not enough memory for this request").refused_for(Refusal::memory);
   } catch (const std::exception& error) {
     return {ErrorCode::internal, error.what()};
   } catch (...) {

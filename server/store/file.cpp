@@ -31,7 +31,8 @@ void fail_on(const FileSystem& files, const char* action, const std::filesystem:
     return std::string("store: cannot ") + action + " " + name + ": " + std::strerror(error);
   };
   throw Error(full ? ErrorCode::out_of_budget : ErrorCode::unavailable, message(path.string()))
-      .told_as(message(files.shown(path)));
+      .told_as(message(files.shown(path)))
+      .refused_for(full ? Refusal::disk : Refusal::none);
 }
 
 File::File(FileSystem& files, const std::filesystem::path& path, int flags)

@@ -79,6 +79,7 @@ class GeometryStore : public Store {
 
   v1::ListGeometriesReply list(const std::string& tenant, const v1::ListGeometriesRequest& request) override;
 
+  SyncTimes sync_times() const override { return files_.sync_times(); }
   BasisFiles& bases() override { return bases_; }
   Catalog& catalog() override { return *catalog_; }
 

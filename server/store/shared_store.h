@@ -78,6 +78,7 @@ class SharedStore : public Store {
 
   v1::ListGeometriesReply list(const std::string& tenant, const v1::ListGeometriesRequest& request) override;
 
+  SyncTimes sync_times() const override { return files_.sync_times(); }
   BasisFiles& bases() override { return bases_; }
   Catalog& catalog() override { return *catalog_; }
   SharedCatalog& shared_catalog() { return *catalog_; }

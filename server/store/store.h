@@ -95,6 +95,9 @@ class Store {
   OwnedId resolve_geometry(const std::string& tenant, const std::string& id_or_prefix);
   OwnedId resolve_setup(const std::string& tenant, const std::string& id_or_prefix);
 
+  /// How long files and folders took to be durable.
+  virtual SyncTimes sync_times() const = 0;
+
   /// What prepared systems have left; goes with their setups and geometries.
   virtual BasisFiles& bases() = 0;
 

@@ -97,6 +97,30 @@ class Operations(EndToEnd):
             self.assertEqual(now[f'deformd_call_seconds_count{{method="{method}"}}'], len(walls))
             self.assertAlmostEqual(now[f'deformd_call_seconds_sum{{method="{method}"}}'], sum(walls) / 1e3, delta=1e-5 * len(walls))
         self.assertGreater(now['deformd_stage_seconds_sum{stage="solve"}'], 0)
+        self.assertGreaterEqual(now["deformd_store_sync_seconds_count"] - before["deformd_store_sync_seconds_count"], 4, "a geometry was stored")
+        self.assertLess(now["deformd_connections_open"], 5)
+        with socket.create_connection(("127.0.0.1", self.server.port)):
+            self.wait_until(lambda: self.figures()["deformd_connections_open"] > 0, "a connection")
+
+    def test_refusals_are_counted_by_their_reason(self):
+        self.start("--memory-budget", "64MiB")
+        refused = lambda: {name[len('deformd_refusals_total{reason="'):-2]: value for name, value in self.figures().items()
+                           if name.startswith("deformd_refusals_total")}
+        none = dict.fromkeys(("queue", "memory", "held", "quota", "rate", "disk", "draining", "connections"), 0)
+        self.assertEqual(refused(), none)
+        self.deform("sample", "-o", "ahmed.obj", "--points", 60000)
+        self.write("setup.yaml", AHMED_SETUP)
+        self.deform("register", "ahmed.obj", expect=None)
+        self.deform("prepare", "setup.yaml", expect=None)
+        self.wait_until(lambda: refused()["memory"] > 0, "what does not fit into the budget")
+        self.deform("admin", "drain")
+        self.deform("prepare", "setup.yaml", expect=None)
+        self.wait_until(lambda: refused()["draining"] > 0, "what is refused by a server that is drained")
+        self.assertEqual({**refused(), "memory": 0, "draining": 0}, none)
+        self.server.stop()
+        self.start("--keep-free", "1000T")
+        self.deform("register", "ahmed.obj", expect=None)
+        self.wait_until(lambda: refused()["disk"] > 0, "a disk without room")
 
     def test_figures_are_what_prometheus_reads_and_the_rules_ask_for(self):
         self.start()

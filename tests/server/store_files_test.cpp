@@ -2,9 +2,11 @@
 // What clients are told of the files of a store whose disk fails: their names below its folder, and never where that is.
 #include "server/store/store_files.h"
 
+#include <fcntl.h>
 #include <gtest/gtest.h>
 
 #include <cerrno>
+#include <numeric>
 #include <set>
 #include <string>
 #include <string_view>
@@ -41,6 +43,31 @@ TEST(StoreFiles, a_folder_that_is_a_link_is_not_shown_by_where_it_leads_either) 
   EXPECT_EQ(files.shown(std::filesystem::canonical(directory.path()) / "disk" / "setups"), "setups");
 }
 
+TEST(StoreFiles, syncs_are_counted_those_that_fail_too) {
+  SimulatedDisk disk(SimulatedDisk::empty());
+  GeometryStore store(secret, [&] {
+    StoreOptions options = small_store();
+    options.files = &disk;
+    return options;
+  }());
+  const auto count = [&] {
+    const SyncTimes times = store.sync_times();
+    return std::accumulate(times.counts.begin(), times.counts.end(), std::uint64_t{0});
+  };
+  const std::uint64_t opened = count();
+  const Mesh mesh = sheet_mesh(4, 3);
+  store.put(mesh, {default_tenant, mesh_id(mesh)}, "sheet");
+  EXPECT_EQ(count(), opened + 4) << "the content, the small file and their folders";
+  EXPECT_GT(store.sync_times().seconds, 0);
+  StoreFiles files(disk, secret, Naming::in_full);
+  const File file(files, secret / "names" / mesh_id(mesh), O_RDONLY);
+  disk.fault = [](bool) { return EIO; };
+  EXPECT_THROW(file.sync(), Error);
+  disk.fault = nullptr;
+  const SyncTimes times = files.sync_times();
+  EXPECT_EQ(std::accumulate(times.counts.begin(), times.counts.end(), std::uint64_t{0}), 1u);
+}
+
 /// Every verb of a store, with the n-th access to its disk failing, for every n.
 TEST(StoreFiles, no_error_of_a_failing_disk_tells_clients_where_the_store_is) {
   spdlog::set_level(spdlog::level::off);
@@ -72,6 +99,7 @@ TEST(StoreFiles, no_error_of_a_failing_disk_tells_clients_where_the_store_is) {
         const std::string_view to_clients = failure.told(), in_full = failure.what();
         EXPECT_EQ(to_clients.find("of-nobody"), std::string_view::npos) << to_clients;
         EXPECT_FALSE(to_clients.empty());
+        EXPECT_EQ(failure.refusal(), failure.code() == ErrorCode::out_of_budget ? Refusal::disk : Refusal::none);
         if (in_full.find(secret.string()) != std::string_view::npos) {
           ++with_places;
           told.insert(std::string(to_clients.substr(0, to_clients.find_first_of("0123456789"))));
