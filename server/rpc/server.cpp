@@ -108,7 +108,7 @@ void set_up_libraries() {
     gpr_set_log_function([](gpr_log_func_args* entry) {
       const auto level = entry->severity == GPR_LOG_SEVERITY_ERROR ? spdlog::level::warn : spdlog::level::debug;
       const bool secret = lower_case(entry->message).find("authorization") != std::string::npos;
-      spdlog::log(level, "grpc: {}", secret ? "(a message about authorization)" : escaped(entry->message, 500));
+      log_library(level, secret ? "(a message about authorization)" : escaped(entry->message, 500));
     });
     grpc::EnableDefaultHealthCheckService(true);
     grpc::reflection::InitProtoReflectionServerBuilderPlugin();
