@@ -51,7 +51,7 @@ class WarmStarts;
 struct CallContext {
   std::stop_token stop;
   std::optional<RunContext::Clock::time_point> deadline;
-  std::string client;                                 ///< who asks: the requests of one client take turns with those of others
+  std::string client;                                 ///< who asks, an identity or a host: requests take turns by client
   std::string tenant = default_tenant;                ///< whose geometries and systems the call sees, adds to and takes away from
   Quota quota = {};                                   ///< of the tenant
   std::shared_ptr<WarmStarts> warm_starts = nullptr;  ///< of a stream

@@ -24,6 +24,7 @@
 #include <vector>
 
 #include "core/base/error.h"
+#include "server/rpc/peers.h"
 #include "server/rpc/socket_traffic.h"
 
 namespace deform::server {
@@ -33,7 +34,8 @@ namespace {
 constexpr char unix_prefix[] = "unix:";
 constexpr char abstract_prefix[] = "unix-abstract:";
 constexpr std::size_t usual_connections = 4096;
-constexpr std::size_t own_files = 256;  ///< for the store, the log, listening sockets and pollers
+constexpr std::size_t connections_per_free = 4;  ///< of one host, for each that is free
+constexpr std::size_t own_files = 256;           ///< for the store, the log, listening sockets and pollers
 constexpr std::chrono::milliseconds count_interval{20};
 constexpr std::chrono::milliseconds pause_without_files{10};
 constexpr std::chrono::seconds complaint_interval{10};
@@ -287,7 +289,7 @@ void Listener::run() {
   wanted.push_back({wake_, POLLIN, 0});
   for (;;) {
     ++turns_;
-    const int ready = poll(wanted.data(), wanted.size(), std::chrono::milliseconds(turn_interval).count());
+    const int ready = poll(wanted.data(), wanted.size(), static_cast<int>(std::chrono::milliseconds(turn_interval).count()));
     if (ready < 0) {
       if (errno == EINTR || errno == EAGAIN || errno == ENOMEM) {
         std::this_thread::sleep_for(pause_without_files);
@@ -326,7 +328,9 @@ void Listener::give_up(const char* what, int error) {
 }
 
 bool Listener::accept_from(int listening) {
-  OwnedFile connection(accept4(listening, nullptr, nullptr, SOCK_NONBLOCK | SOCK_CLOEXEC));
+  sockaddr_storage peer{};
+  socklen_t size = sizeof(peer);
+  OwnedFile connection(accept4(listening, reinterpret_cast<sockaddr*>(&peer), &size, SOCK_NONBLOCK | SOCK_CLOEXEC));
   if (connection.fd() < 0) {
     const int error = errno;
     if (out_of_files(error)) without_files(listening);
@@ -334,8 +338,10 @@ bool Listener::accept_from(int listening) {
     give_up("nothing can be accepted from a socket that is listened on", error);
     return false;
   }
-  if (!has_room()) {
-    note_refusal("as many connections are open as --max-connections allows");
+  const std::string host = host_of(peer);
+  if (const Room room = room_for(host); room != Room::yes) {
+    note_refusal(room == Room::none ? "as many connections are open as --max-connections allows"
+                                    : "their address has most of the connections that --max-connections allows");
     return true;
   }
   if (port_ != 0) {
@@ -344,7 +350,10 @@ bool Listener::accept_from(int listening) {
   }
   {
     const std::lock_guard lock(mutex_);
-    open_[connection.fd()] = {socket_inode(connection.fd())};
+    const auto known = open_.find(connection.fd());
+    if (known != open_.end()) leave(known->second.host);  // it is closed, and its descriptor this one's
+    open_[connection.fd()] = {socket_inode(connection.fd()), host};
+    ++of_hosts_[host];
   }
   take_(connection.release());
   return true;
@@ -359,14 +368,35 @@ void Listener::without_files(int listening) {
   std::this_thread::sleep_for(pause_without_files);  // others may be waiting for a file, too
 }
 
-bool Listener::has_room() {
+Listener::Room Listener::room_for(const std::string& host) {
   const std::lock_guard lock(mutex_);
-  if (open_.size() < max_connections_) return true;
+  const Room room = room_now(host);
   const auto now = std::chrono::steady_clock::now();
-  if (now - counted_ < count_interval) return false;
+  if (room == Room::yes || now - counted_ < count_interval) return room;
   counted_ = now;
-  std::erase_if(open_, [](const auto& one) { return socket_inode(one.first) != one.second.inode; });
-  return open_.size() < max_connections_;
+  forget_closed();
+  return room_now(host);
+}
+
+Listener::Room Listener::room_now(const std::string& host) const {
+  const std::size_t most = max_connections_;
+  if (open_.size() >= most) return Room::none;
+  const auto own = host.empty() ? of_hosts_.end() : of_hosts_.find(host);
+  const bool greedy = own != of_hosts_.end() && own->second > connections_per_free * (most - open_.size());
+  return greedy ? Room::none_for_host : Room::yes;
+}
+
+void Listener::forget_closed() {
+  std::erase_if(open_, [this](const auto& one) {
+    const bool closed = socket_inode(one.first) != one.second.inode;
+    if (closed) leave(one.second.host);
+    return closed;
+  });
+}
+
+void Listener::leave(const std::string& host) {
+  const auto found = of_hosts_.find(host);
+  if (found != of_hosts_.end() && --found->second == 0) of_hosts_.erase(found);
 }
 
 void Listener::note_refusal(const char* why) {

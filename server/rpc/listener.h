@@ -35,6 +35,10 @@ std::size_t connection_limit(std::size_t wanted);
 /// Accepts connections and hands them on, up to a limit: more are closed at once. gRPC's own listener has no limit, and stops for
 /// good when the process has no file left. Connections end without its being told; it looks which of them are still open.
 ///
+/// Nor does one host get all of them: it may have four times as many as are free, by the rule that the queue has for clients
+/// (Scheduler::enter), so that there is room for the next one. Hosts are those of host_of(); a unix socket, which has clients of
+/// this machine alone and no addresses, has no such limit.
+///
 ///   bound --start()--> accepting --stop()--> closed
 class Listener {
  public:
@@ -99,7 +103,12 @@ class Listener {
   bool accept_from(int listening);
   void give_up(const char* what, int error);
   void without_files(int listening);
-  bool has_room();
+  enum class Room { yes, none, none_for_host };
+  Room room_for(const std::string& host);
+  /// Those that are open, of all and of the host. With mutex_ held.
+  Room room_now(const std::string& host) const;
+  void forget_closed();
+  void leave(const std::string& host);
   void note_refusal(const char* why);
 
   const Options options_;
@@ -116,6 +125,7 @@ class Listener {
   /// A connection that was handed on.
   struct Open {
     std::uint64_t inode = 0;     ///< of the socket: its descriptor may mean something else by now
+    std::string host;            ///< empty for unix sockets
     std::uint64_t received = 0;  ///< bytes, when last asked
     bool cut_off = false;        ///< closed here; its descriptor stays until gRPC closes it
     std::chrono::steady_clock::time_point since = std::chrono::steady_clock::now();
@@ -123,8 +133,9 @@ class Listener {
   void close_now(int fd, Open& connection, const char* why);
   std::mutex mutex_;
   // under mutex_
-  std::unordered_map<int, Open> open_;  ///< by file descriptor
-  std::string broken_;                  ///< why a socket is of no use any more
+  std::unordered_map<int, Open> open_;                     ///< by file descriptor
+  std::unordered_map<std::string, std::size_t> of_hosts_;  ///< how many of these are of a host
+  std::string broken_;                                     ///< why a socket is of no use any more
   // of whoever asks for trouble()
   std::chrono::steady_clock::time_point asked_{};
   std::chrono::steady_clock::duration silent_{0};

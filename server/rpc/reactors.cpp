@@ -9,6 +9,7 @@
 
 #include "core/base/text.h"
 #include "proto/convert/base/error.h"
+#include "server/rpc/peers.h"
 #include "server/rpc/service_messages.h"
 #include "server/rpc/status.h"
 
@@ -81,7 +82,7 @@ CallScope::CallScope(const char* method, const Incoming& incoming)
   call_.tenant = admission_.tenant;
   call_.quota = admission_.quota;
   if (call_.tenant != default_tenant) record.tenant = call_.tenant;
-  call_.client = admission_.identity.empty() ? record.client : "identity " + admission_.identity;
+  call_.client = admission_.identity.empty() ? host_of(record.client) : "identity " + admission_.identity;
   // gRPC keeps wall-clock deadlines, "none" as the end of time.
   const auto deadline = incoming.context->deadline();
   const auto now = std::chrono::system_clock::now();

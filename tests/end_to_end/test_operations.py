@@ -119,7 +119,8 @@ class Operations(EndToEnd):
         self.assertEqual({**refused(), "memory": 0, "draining": 0}, none)
         self.server.stop()
         self.start("--keep-free", "1000T")
-        self.deform("register", "ahmed.obj", expect=None)
+        self.deform("sample", "-o", "other.obj", "--points", 2000)
+        self.deform("register", "other.obj", expect=None)
         self.wait_until(lambda: refused()["disk"] > 0, "a disk without room")
 
     def test_figures_are_what_prometheus_reads_and_the_rules_ask_for(self):

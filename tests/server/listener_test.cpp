@@ -14,6 +14,7 @@
 #include <string>
 #include <vector>
 
+#include "server/rpc/peers.h"
 #include "tests/server/sockets.h"
 
 namespace deform::server {
@@ -89,6 +90,87 @@ TEST_F(ListenerConnections, LeavesAnotherThatHasTheDescriptorOfAClosedOne) {
   EXPECT_EQ(listener_.cut_off_count(), 0);
   EXPECT_FALSE(ended(clients_[0]));
   EXPECT_FALSE(ended(clients_[1]));
+}
+
+TEST(Hosts, AreTheAddressesOfPeersWithoutTheirPorts) {
+  EXPECT_EQ(host_of("ipv4:10.0.0.7:4242"), "ipv4:10.0.0.7");
+  EXPECT_EQ(host_of("ipv4:10.0.0.7:1"), host_of("ipv4:10.0.0.7:65535"));
+  EXPECT_NE(host_of("ipv4:10.0.0.7:1"), host_of("ipv4:10.0.0.70:1"));
+  for (const char* peer :
+       {"ipv6:[2001:db8:1:2:3:4:5:6]:4242", "ipv6:%5B2001:db8:1:2::1%5D:7", "ipv6:%5B2001:db8:1:2::%25eth0%5D:7"}) {
+    EXPECT_EQ(host_of(peer), "ipv6:2001:db8:1:2::/64") << "one network, which is one host's";
+  }
+  EXPECT_NE(host_of("ipv6:[2001:db8:1:3::1]:4242"), "ipv6:2001:db8:1:2::/64");
+  EXPECT_EQ(host_of("ipv6:[::ffff:10.0.0.7]:4242"), "ipv4:10.0.0.7");
+  for (const char* peer :
+       {"unix:", "unix:/run/deformd", "unix-abstract:name", "inproc", "", "ipv4:", "ipv4:somewhere:1", "ipv6:[]:1"}) {
+    EXPECT_EQ(host_of(peer), peer);
+  }
+}
+
+/// Connections of several hosts to a listener that takes fifty, and what becomes of them.
+class ListenerHosts : public testing::Test {
+ protected:
+  ListenerHosts() {
+    listener_.start([this](int fd) {
+      const std::lock_guard lock(mutex_);
+      taken_.push_back(fd);
+    });
+  }
+  ~ListenerHosts() override {
+    listener_.stop();
+    for (int fd : clients_) close(fd);
+    for (int fd : taken_) close(fd);
+  }
+  /// How many of `count` from 127.0.0.N are taken.
+  std::size_t taken_of(std::size_t count, std::uint32_t number) {
+    const auto decided = [this] {
+      const std::lock_guard lock(mutex_);
+      return taken_.size() + listener_.refused();
+    };
+    const std::uint64_t refused = listener_.refused(), target = decided() + count;
+    for (std::size_t i = 0; i < count; ++i) clients_.push_back(connected_to(listener_.port(), number));
+    for (int i = 0; i < 20'000 && decided() < target; ++i) usleep(1000);
+    EXPECT_EQ(decided(), target);
+    return count - (listener_.refused() - refused);
+  }
+  /// As gRPC does when clients have gone.
+  void close_taken() {
+    const std::lock_guard lock(mutex_);
+    for (int fd : taken_) close(fd);
+    taken_.clear();
+    usleep(30'000);  // the listener looks 50 times a second at most
+  }
+
+  Listener listener_{Listener::Options{"127.0.0.1:0", 50}};
+  std::vector<int> clients_;
+  std::mutex mutex_;
+  std::vector<int> taken_;  // under mutex_
+};
+
+TEST_F(ListenerHosts, OneTakesFourFifthsAndTheNextFourFifthsOfTheRest) {
+  EXPECT_EQ(taken_of(100, 1), 41u);
+  EXPECT_EQ(taken_of(10, 2), 8u);
+  EXPECT_EQ(taken_of(1, 3), 1u);
+  EXPECT_EQ(taken_of(1, 1), 0u) << "still too many";
+  EXPECT_EQ(listener_.open_count(), 50u);
+  EXPECT_EQ(taken_of(1, 4), 0u) << "all are taken";
+}
+
+TEST_F(ListenerHosts, OnesThatAreClosedAreNoLongerCounted) {
+  EXPECT_EQ(taken_of(60, 1), 41u);
+  close_taken();
+  EXPECT_EQ(listener_.open_count(), 0u);
+  EXPECT_EQ(taken_of(60, 2), 41u) << "their descriptors are taken again";
+  close_taken();
+  EXPECT_EQ(taken_of(60, 1), 41u);
+}
+
+TEST_F(ListenerHosts, TheShareIsThatOfTheLimitOfTheMoment) {
+  listener_.set_limit(5);
+  EXPECT_EQ(taken_of(10, 1), 5u) << "so few that none is kept";
+  listener_.set_limit(20);
+  EXPECT_EQ(taken_of(20, 1), 12u);
 }
 
 /// A listener whose thread or socket fails.
