@@ -141,9 +141,29 @@ void raise_open_files() {
   }
 }
 
-/// Opens the log anew and takes over what the options say now, as far as that goes without a restart. Certificates and identities
-/// are reread by themselves.
-void reload(const deform::server::CommandLine& command_line, deform::server::Configuration& configuration) {
+/// What an option says now, to a server that runs.
+void take_over(deform::server::RunningServer& server, const deform::server::Configuration::Effective& fresh,
+               deform::server::Configuration::Effective& now) {
+  const std::string value = deform::escaped(fresh.value, 300);
+  try {
+    const auto before = server.take_over(fresh.name, fresh.value);
+    if (before) {
+      // Not below warning: the level may be what has changed.
+      spdlog::warn("option {}={} ({}) is taken over, before {}", fresh.name, value, deform::escaped(fresh.source, 300), *before);
+      now = fresh;
+    } else {
+      spdlog::warn("option {}={} takes a restart; it stays {}", fresh.name, value, deform::escaped(now.value, 300));
+    }
+  } catch (const Error& error) {
+    spdlog::error("option {}={} is not taken over, it stays: {}", fresh.name, value, deform::escaped(error.what(), 2000));
+  }
+}
+
+/// Opens the log anew and takes over what the options say now, as far as that goes without a restart: limits that the operator
+/// changes, too, unless the options are as they were when they were last read. Certificates and identities are reread by
+/// themselves.
+void reload(const deform::server::CommandLine& command_line, deform::server::RunningServer& server,
+            deform::server::Configuration& configuration) {
   deform::server::reopen_log();
   spdlog::info("SIGHUP: the log is opened anew, options are read again");
   try {
@@ -151,15 +171,7 @@ void reload(const deform::server::CommandLine& command_line, deform::server::Con
     const auto& fresh = std::get<deform::server::Configuration>(read);
     for (std::size_t i = 0; i < fresh.effective.size(); ++i) {
       auto& now = configuration.effective.at(i);
-      if (fresh.effective[i].value == now.value) continue;
-      const std::string value = deform::escaped(fresh.effective[i].value, 300);
-      if (now.name == "log-level") {
-        spdlog::info("option log-level={}, before {}", value, now.value);
-        deform::server::set_log_level(fresh.log.level);
-        now = fresh.effective[i];
-      } else {
-        spdlog::warn("option {}={} takes a restart; it stays {}", now.name, value, deform::escaped(now.value, 300));
-      }
+      if (fresh.effective[i].value != now.value) take_over(server, fresh.effective[i], now);
     }
   } catch (const Error& error) {
     spdlog::error("options stay as they are: {}", deform::escaped(error.what(), 2000));
@@ -184,12 +196,13 @@ void serve(deform::server::Configuration configuration, const deform::server::Co
   for (const auto& [name, value, source] : configuration.effective) {
     if (is_limit(name)) configuration.server.limits.emplace_back(name, value);
   }
+  configuration.server.on_failure = [](const std::string& why) { give_up(why.c_str()); };
   const auto server = deform::server::start_server(configuration.server);
   if (!configuration.port_file.empty()) write_port_file(configuration.port_file, server->port());
   spdlog::info("listening on {}", server->address());
 
   int number = signals.wait();
-  for (; number == SIGHUP; number = signals.wait()) reload(command_line, configuration);
+  for (; number == SIGHUP; number = signals.wait()) reload(command_line, *server, configuration);
   spdlog::info("{}: stopping, what is under way has {} ms", number == SIGTERM ? "SIGTERM" : "SIGINT",
                configuration.grace.count());
   signals.give_up_at_the_next();

@@ -98,7 +98,8 @@ void add_network_options(std::vector<Option>& all) {
       "tls-client-crl", "certificates that these authorities have revoked (CRL, PEM); reread, open connections included",
       [](Configuration & c) -> auto& { return c.server.tls.client_crl; }));
   all.push_back(path(
-      "identities", "who may call: lines \"NAME reader|user|operator sha256:HASH\" of tokens or \"... certificate:NAME\"; reread",
+      "identities",
+      "who may call: lines \"NAME reader|user|owner|operator sha256:HASH\" of tokens or \"... certificate:NAME\"; reread",
       [](Configuration & c) -> auto& { return c.server.service.access.identities; }));
   all.push_back({"reflection", "on|off", "whether clients may ask for the contract (gRPC server reflection)",
                  [](Configuration& c, const std::string& text) {
@@ -221,7 +222,7 @@ void add_process_options(std::vector<Option>& all) {
                  },
                  [](const Configuration& c) { return std::string(c.log.format == LogFormat::json ? "json" : "text"); }});
   all.push_back(number(
-      "log-calls", "lines of calls in a second of the log; those beyond are counted; 0: any number",
+      "log-calls", "lines of calls in a second of the log, and of gRPC; those beyond are counted; 0: any number",
       [](Configuration & c) -> auto& { return c.log.calls_per_second; }));
   all.push_back(path(
       "log-file", "append the log to this file instead of standard error",

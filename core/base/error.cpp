@@ -39,6 +39,28 @@ const char* to_string(ErrorCode code) {
   return "internal";
 }
 
+const char* to_string(Refusal reason) {
+  switch (reason) {
+    case Refusal::none:
+      return "none";
+    case Refusal::queue:
+      return "queue";
+    case Refusal::memory:
+      return "memory";
+    case Refusal::held:
+      return "held";
+    case Refusal::quota:
+      return "quota";
+    case Refusal::rate:
+      return "rate";
+    case Refusal::disk:
+      return "disk";
+    case Refusal::draining:
+      return "draining";
+  }
+  return "none";
+}
+
 namespace {
 
 std::size_t edit_distance(const std::string& a, const std::string& b) {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -25,6 +26,18 @@ enum class ErrorCode {
   internal,             ///< a bug
 };
 
+/// Of which there is too little, where a server refuses what it could do at another time or for another caller.
+enum class Refusal {
+  none,      ///< not refused for the state of the server
+  queue,     ///< places among those that wait
+  memory,    ///< memory, or memory within the budget
+  held,      ///< memory for requests and answers that are held
+  quota,     ///< what the tenant may store or do at once
+  rate,      ///< requests per second of the tenant
+  disk,      ///< room on the disk
+  draining,  ///< the server ends, or takes no new work
+};
+
 /// The one exception type of core, codec, server and client. Not converging is a result, never an Error.
 class Error : public std::runtime_error {
  public:
@@ -36,14 +49,33 @@ class Error : public std::runtime_error {
   /// For out_of_budget and unavailable: the time in milliseconds after which the same request may succeed. 0 means that only a
   /// different request can succeed.
   std::uint32_t retry_after_ms() const { return retry_after_ms_; }
+  /// The same error, of which a client is told other words: what() is then for those who look after the server, and names what is
+  /// nobody else's business, such as the folders of its machine.
+  Error told_as(const std::string& message) const {
+    Error error(*this);
+    error.told_ = std::make_shared<const std::string>(message);
+    return error;
+  }
+  /// The same error as a refusal of that kind, which is counted by it.
+  Error refused_for(Refusal reason) const {
+    Error error(*this);
+    error.refusal_ = reason;
+    return error;
+  }
+  Refusal refusal() const { return refusal_; }
+  /// What a client is told: what(), unless told_as() gave it other words.
+  const char* told() const { return told_ ? told_->c_str() : what(); }
 
  private:
   ErrorCode code_;
   std::uint32_t retry_after_ms_;
+  Refusal refusal_ = Refusal::none;
+  std::shared_ptr<const std::string> told_;  // null: what(); shared, so that copying cannot fail
 };
 
 /// The name of the code in snake case ("invalid_argument").
 const char* to_string(ErrorCode code);
+const char* to_string(Refusal reason);
 
 /// For "did you mean" hints: up to three of `candidates` nearest to `name` by edit distance, quoted and separated by commas;
 /// empty if none is near.

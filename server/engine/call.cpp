@@ -46,7 +46,7 @@ CallRegistry::~CallRegistry() {
 
 void CallRegistry::add(const std::shared_ptr<Call>& call) {
   const std::lock_guard lock(mutex_);
-  if (closed_) throw Error(ErrorCode::unavailable, "the server is shutting down");
+  if (closed_) throw Error(ErrorCode::unavailable, "the server is shutting down").refused_for(Refusal::draining);
   const std::string& tenant = call->context().tenant;
   const std::uint64_t limit = call->context().quota.calls;
   const auto own = of_tenants_.find(tenant);
@@ -54,7 +54,8 @@ void CallRegistry::add(const std::shared_ptr<Call>& call) {
     throw Error(ErrorCode::out_of_budget,
                 "quota calls of tenant \"" + tenant + "\": " + std::to_string(own->second) + " wait or run, the limit is " +
                     std::to_string(limit) + "; try again later",
-                retry_quota_ms);
+                retry_quota_ms)
+        .refused_for(Refusal::quota);
   }
   calls_.emplace(call.get(), call);
   ++of_tenants_[tenant];

@@ -18,6 +18,7 @@
 #include "server/engine/memory.h"
 #include "server/engine/open_calls.h"
 #include "server/store/store_commands.h"
+#include "server/store/store_files.h"
 #include "server/store/tenant.h"
 
 namespace deform::server {
@@ -51,7 +52,7 @@ class WarmStarts;
 struct CallContext {
   std::stop_token stop;
   std::optional<RunContext::Clock::time_point> deadline;
-  std::string client;                                 ///< who asks: the requests of one client take turns with those of others
+  std::string client;                                 ///< who asks, an identity or a host: requests take turns by client
   std::string tenant = default_tenant;                ///< whose geometries and systems the call sees, adds to and takes away from
   Quota quota = {};                                   ///< of the tenant
   std::shared_ptr<MemoryMeter> in_flight = nullptr;   ///< bytes of the tenant's calls; null: nobody counts them
@@ -220,6 +221,8 @@ class Engine {
     std::uint64_t bytes = 0;
   };
   virtual StoredBasisCounts stored_bases() { return {}; }
+  /// How long the disk of the store takes.
+  virtual SyncTimes sync_times() { return {}; }
 
   // For the operator of the server.
   struct Evicted {

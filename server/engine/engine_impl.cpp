@@ -55,6 +55,7 @@ StoreOptions store_options(const EngineOptions& options) {
   StoreOptions result;
   result.disk.keep_free = options.keep_free;
   result.most_bases = options.max_stored_bases;
+  result.naming = Naming::below_the_folder;
   return result;
 }
 
@@ -171,7 +172,7 @@ EngineImpl::~EngineImpl() {
 }
 
 void EngineImpl::check_open() const {
-  if (calls_.closed()) throw Error(ErrorCode::unavailable, "the server is shutting down");
+  if (calls_.closed()) throw Error(ErrorCode::unavailable, "the server is shutting down").refused_for(Refusal::draining);
 }
 
 // ---- geometries ----
@@ -658,7 +659,7 @@ bool EngineImpl::drain(std::chrono::milliseconds limit) {
   const bool finished = calls_.wait_until_empty(end);
   bases_.wait_until_written(end);
   if (!finished) {
-    calls_.fail_all(Error(ErrorCode::unavailable, "the server is shutting down"));
+    calls_.fail_all(Error(ErrorCode::unavailable, "the server is shutting down").refused_for(Refusal::draining));
     calls_.wait_until_empty(RunContext::Clock::now() + std::chrono::hours(1));
   }
   return finished;

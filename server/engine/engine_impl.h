@@ -64,6 +64,7 @@ class EngineImpl : public Engine {
   void set_queue_limit(std::size_t requests) override { scheduler_.set_queue_limit(requests); }
   void set_cache_budget(std::size_t bytes) override { cache_->set_budget(bytes); }
   StoreReport check_store(const RunContext& context) override;
+  SyncTimes sync_times() override { return store_->sync_times(); }
   StoreReport backup_store(const std::filesystem::path& to) override;
   bool drain(std::chrono::milliseconds limit) override;
 

@@ -53,7 +53,8 @@ UploadBuffer::UploadBuffer(const v1::GeometryHeader& header, const EngineOptions
                               9 * cells.elements() + 4 * cells.element_points() + 16 * cells.faces() + 4 * cells.face_points();
   if (bytes > budget.total()) {
     throw Error(ErrorCode::out_of_budget, purpose.what + ": its arrays need " + mebibytes(bytes) + ", the memory budget is " +
-                                              mebibytes(budget.total()) + "; " + purpose.advice);
+                                              mebibytes(budget.total()) + "; " + purpose.advice)
+        .refused_for(Refusal::memory);
   }
 }
 

@@ -126,7 +126,8 @@ Charge MemoryBudget::charge(std::size_t bytes, const ChargePurpose& purpose) {
   if (bytes > ceiling) {
     throw Error(ErrorCode::out_of_budget, purpose.what + ": needs " + mebibytes(bytes) + ", at most " + mebibytes(ceiling) +
                                               " can ever be available (memory budget " + mebibytes(total) + "); " +
-                                              purpose.advice);
+                                              purpose.advice)
+        .refused_for(Refusal::memory);
   }
   if (meter_->try_take(bytes)) return {meter_, bytes};
   for (const auto& reclaim : reclaimers_) {
@@ -137,7 +138,8 @@ Charge MemoryBudget::charge(std::size_t bytes, const ChargePurpose& purpose) {
   throw Error(ErrorCode::out_of_budget,
               purpose.what + ": needs " + mebibytes(bytes) + ", " + mebibytes(total - meter_->in_use()) + " of " +
                   mebibytes(total) + " are available now; try again later, or " + purpose.advice,
-              retry_memory_ms);
+              retry_memory_ms)
+      .refused_for(Refusal::memory);
 }
 
 Charge MemoryBudget::charge_call(std::size_t bytes, const ChargePurpose& purpose, const TenantShare& share) {
@@ -151,7 +153,8 @@ Charge MemoryBudget::charge_call(std::size_t bytes, const ChargePurpose& purpose
                 purpose.what + ": needs " + mebibytes(bytes) + ", but calls hold " + mebibytes(of_calls_->in_use()) +
                     " already and may hold " + mebibytes(of_calls_->total()) +
                     ", half of the memory budget; try again later, or " + purpose.advice,
-                retry_memory_ms);
+                retry_memory_ms)
+        .refused_for(Refusal::memory);
   }
   result.join({of_calls_, bytes});
   result.join(std::move(own));
@@ -174,7 +177,8 @@ void MemoryBudget::grow_upload(Charge& charge, std::size_t bytes, const ChargePu
                 purpose.what + ": needs " + mebibytes(bytes) + " more, but uploads under way hold " +
                     mebibytes(of_uploads_->in_use()) + " already and may hold " + mebibytes(of_uploads_->total()) +
                     ", a quarter of the memory budget; try again later, or " + purpose.advice,
-                retry_memory_ms);
+                retry_memory_ms)
+        .refused_for(Refusal::memory);
   }
   Charge of_uploads(of_uploads_, bytes);
   ChargePurpose all = purpose;

@@ -131,7 +131,8 @@ class OutcomeCall : public Call {
     } catch (const Error& error) {
       outcome.error = error;
     } catch (const std::bad_alloc&) {
-      outcome.error = Error(ErrorCode::out_of_budget, "the machine is out of memory; lower the server's memory budget");
+      outcome.error = Error(ErrorCode::out_of_budget, "the machine is out of memory; lower the server's memory budget")
+                          .refused_for(Refusal::memory);
     } catch (const std::exception& error) {
       outcome.error = Error(ErrorCode::internal, error.what());
     }

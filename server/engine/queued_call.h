@@ -70,7 +70,8 @@ class QueuedCall : public Call {
     } catch (const Error& error) {
       fail(error);
     } catch (const std::bad_alloc&) {
-      fail(Error(ErrorCode::out_of_budget, "the machine is out of memory; lower the server's memory budget"));
+      fail(Error(ErrorCode::out_of_budget, "the machine is out of memory; lower the server's memory budget")
+               .refused_for(Refusal::memory));
     } catch (const std::exception& error) {
       fail(Error(ErrorCode::internal, error.what()));
     }

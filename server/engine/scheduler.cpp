@@ -66,7 +66,8 @@ Scheduler::Place Scheduler::enter(const std::string& client) {
     throw Error(ErrorCode::out_of_budget,
                 "the queue is full: " + std::to_string(load_.waiting) + " requests wait, the limit is " +
                     std::to_string(queue_limit_) + "; try again later",
-                retry_queue_ms);
+                retry_queue_ms)
+        .refused_for(Refusal::queue);
   }
   const auto it = places_.find(client);
   const std::size_t own = it == places_.end() ? 0 : it->second, left = queue_limit_ - load_.waiting;
@@ -74,7 +75,8 @@ Scheduler::Place Scheduler::enter(const std::string& client) {
     throw Error(ErrorCode::out_of_budget,
                 "the queue is full for this client: " + std::to_string(own) + " of its requests wait, the last " +
                     std::to_string(left) + " of " + std::to_string(queue_limit_) + " places are kept for others; try again later",
-                retry_queue_ms);
+                retry_queue_ms)
+        .refused_for(Refusal::queue);
   }
   ++places_[client];
   ++load_.waiting;

@@ -144,7 +144,8 @@ void SystemCache::run(const std::shared_ptr<Flight>& flight) {
   } catch (const Error& error) {
     guard.fail(error);
   } catch (const std::bad_alloc&) {
-    guard.fail(Error(ErrorCode::out_of_budget, "the machine is out of memory; lower the server's memory budget"));
+    guard.fail(Error(ErrorCode::out_of_budget, "the machine is out of memory; lower the server's memory budget")
+                   .refused_for(Refusal::memory));
   } catch (const std::exception& error) {
     guard.fail(Error(ErrorCode::internal, error.what()));
   }

@@ -89,7 +89,8 @@ RunContext SystemFactory::charged(RunContext context, SelectionCharge& charge, c
     const char* advice = "use fewer or smaller regions of constraints, or raise the server's memory budget";
     if (charge.share.bytes() + bytes > selections_.total()) {
       throw Error(ErrorCode::out_of_budget, "what the regions of the setup select takes more than " +
-                                                mebibytes(selections_.total()) + ", a quarter of the memory budget; " + advice);
+                                                mebibytes(selections_.total()) + ", a quarter of the memory budget; " + advice)
+          .refused_for(Refusal::memory);
     }
     const ChargePurpose purpose{"selecting the points of the setup", advice, 0};
     selections_.grow(charge.share, bytes, purpose);

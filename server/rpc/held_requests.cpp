@@ -74,14 +74,16 @@ HeldRequests::Held HeldRequests::take(std::size_t bytes, const TenantShare& shar
   if (limit != 0 && bytes > allowed) {
     throw Error(ErrorCode::out_of_budget, "this request takes " + std::to_string(bytes) +
                                               " bytes of memory, all requests together may take " + std::to_string(allowed) +
-                                              " (an eighth of --memory-budget): send it in parts");
+                                              " (an eighth of --memory-budget): send it in parts")
+        .refused_for(Refusal::held);
   }
   const std::lock_guard lock(meter_->mutex);
   if (limit != 0 && meter_->in_use + bytes > allowed) {
     throw Error(ErrorCode::out_of_budget,
                 "requests and answers of " + std::to_string(meter_->in_use) + " bytes are held in memory, this one of " +
                     std::to_string(bytes) + " would exceed the limit of " + std::to_string(allowed) + ", try again later",
-                held_retry_ms);
+                held_retry_ms)
+        .refused_for(Refusal::held);
   }
   if (share.meter) share.take(bytes, "this request");
   meter_->in_use += bytes;

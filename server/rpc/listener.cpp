@@ -19,10 +19,12 @@
 #include <charconv>
 #include <cstring>
 #include <memory>
+#include <span>
 #include <utility>
 #include <vector>
 
 #include "core/base/error.h"
+#include "server/rpc/peers.h"
 #include "server/rpc/socket_traffic.h"
 
 namespace deform::server {
@@ -32,10 +34,13 @@ namespace {
 constexpr char unix_prefix[] = "unix:";
 constexpr char abstract_prefix[] = "unix-abstract:";
 constexpr std::size_t usual_connections = 4096;
-constexpr std::size_t own_files = 256;  ///< for the store, the log, listening sockets and pollers
+constexpr std::size_t connections_per_free = 4;  ///< of one host, for each that is free
+constexpr std::size_t own_files = 256;           ///< for the store, the log, listening sockets and pollers
 constexpr std::chrono::milliseconds count_interval{20};
 constexpr std::chrono::milliseconds pause_without_files{10};
 constexpr std::chrono::seconds complaint_interval{10};
+constexpr std::chrono::seconds turn_interval{1};  ///< the thread comes round at least so often
+constexpr std::chrono::seconds turn_patience{10};
 
 Error cannot_listen(const std::string& address, const std::string& why) {
   return {ErrorCode::unavailable, "cannot listen on " + address + ": " + why};
@@ -130,6 +135,9 @@ std::string with_escaped_brackets(std::string peer, bool escaped) {
 }
 
 bool out_of_files(int error) { return error == EMFILE || error == ENFILE || error == ENOBUFS || error == ENOMEM; }
+
+/// What accept4() says of the listening socket; all else is of a connection that is gone already.
+bool is_for_good(int error) { return error == EBADF || error == EINVAL || error == ENOTSOCK || error == EOPNOTSUPP; }
 
 int open_spare() { return open("/dev/null", O_RDONLY | O_CLOEXEC); }
 
@@ -280,30 +288,75 @@ void Listener::run() {
   for (const int fd : listening_) wanted.push_back({fd, POLLIN, 0});
   wanted.push_back({wake_, POLLIN, 0});
   for (;;) {
-    if (poll(wanted.data(), wanted.size(), -1) < 0) continue;
+    ++turns_;
+    const int ready = poll(wanted.data(), wanted.size(), static_cast<int>(std::chrono::milliseconds(turn_interval).count()));
+    if (ready < 0) {
+      if (errno == EINTR || errno == EAGAIN || errno == ENOMEM) {
+        std::this_thread::sleep_for(pause_without_files);
+        continue;
+      }
+      return give_up("cannot wait for connections", errno);
+    }
     if (wanted.back().revents != 0) return;
-    for (std::size_t i = 0; i + 1 < wanted.size(); ++i) {
-      if (wanted[i].revents != 0) accept_from(wanted[i].fd);
+    for (pollfd& one : std::span(wanted).first(wanted.size() - 1)) {
+      if (one.revents != 0 && !accept_from(one.fd)) one.fd = -1;  // which poll() leaves out
     }
   }
 }
 
-void Listener::accept_from(int listening) {
-  OwnedFile connection(accept4(listening, nullptr, nullptr, SOCK_NONBLOCK | SOCK_CLOEXEC));
-  if (connection.fd() < 0) {
-    if (out_of_files(errno)) without_files(listening);
-    return;  // any other error is of a connection that is gone already
+std::string Listener::trouble(std::chrono::steady_clock::time_point now) {
+  {
+    const std::lock_guard lock(mutex_);
+    if (!broken_.empty()) return broken_;
   }
-  if (!has_room()) return note_refusal("as many connections are open as --max-connections allows");
+  const std::uint64_t turns = turns_;
+  const auto since = now - std::exchange(asked_, now);
+  if (std::exchange(turns_then_, turns) != turns || turns == 0) {  // 0: not started
+    silent_ = {};
+    return {};
+  }
+  silent_ += std::min<std::chrono::steady_clock::duration>(since, turn_interval);
+  if (silent_ <= turn_patience) return {};
+  return "the thread that accepts connections has not come round for " +
+         std::to_string(std::chrono::duration_cast<std::chrono::seconds>(silent_).count()) + " s";
+}
+
+void Listener::give_up(const char* what, int error) {
+  const std::lock_guard lock(mutex_);
+  broken_ = std::string(what) + ": " + std::strerror(error);
+  spdlog::error("connections: {}", broken_);
+}
+
+bool Listener::accept_from(int listening) {
+  sockaddr_storage peer{};
+  socklen_t size = sizeof(peer);
+  OwnedFile connection(accept4(listening, reinterpret_cast<sockaddr*>(&peer), &size, SOCK_NONBLOCK | SOCK_CLOEXEC));
+  if (connection.fd() < 0) {
+    const int error = errno;
+    if (out_of_files(error)) without_files(listening);
+    if (!is_for_good(error)) return true;
+    give_up("nothing can be accepted from a socket that is listened on", error);
+    return false;
+  }
+  const std::string host = host_of(peer);
+  if (const Room room = room_for(host); room != Room::yes) {
+    note_refusal(room == Room::none ? "as many connections are open as --max-connections allows"
+                                    : "their address has most of the connections that --max-connections allows");
+    return true;
+  }
   if (port_ != 0) {
     set_number(connection.fd(), IPPROTO_TCP, TCP_NODELAY, 1);
     set_number(connection.fd(), IPPROTO_TCP, TCP_USER_TIMEOUT, static_cast<int>(options_.unacknowledged.count()));
   }
   {
     const std::lock_guard lock(mutex_);
-    open_[connection.fd()] = {socket_inode(connection.fd())};
+    const auto known = open_.find(connection.fd());
+    if (known != open_.end()) leave(known->second.host);  // it is closed, and its descriptor this one's
+    open_[connection.fd()] = {socket_inode(connection.fd()), host};
+    ++of_hosts_[host];
   }
   take_(connection.release());
+  return true;
 }
 
 /// Closes a connection that would wait for ever, by means of the spare file.
@@ -315,14 +368,35 @@ void Listener::without_files(int listening) {
   std::this_thread::sleep_for(pause_without_files);  // others may be waiting for a file, too
 }
 
-bool Listener::has_room() {
+Listener::Room Listener::room_for(const std::string& host) {
   const std::lock_guard lock(mutex_);
-  if (open_.size() < max_connections_) return true;
+  const Room room = room_now(host);
   const auto now = std::chrono::steady_clock::now();
-  if (now - counted_ < count_interval) return false;
+  if (room == Room::yes || now - counted_ < count_interval) return room;
   counted_ = now;
-  std::erase_if(open_, [](const auto& one) { return socket_inode(one.first) != one.second.inode; });
-  return open_.size() < max_connections_;
+  forget_closed();
+  return room_now(host);
+}
+
+Listener::Room Listener::room_now(const std::string& host) const {
+  const std::size_t most = max_connections_;
+  if (open_.size() >= most) return Room::none;
+  const auto own = host.empty() ? of_hosts_.end() : of_hosts_.find(host);
+  const bool greedy = own != of_hosts_.end() && own->second > connections_per_free * (most - open_.size());
+  return greedy ? Room::none_for_host : Room::yes;
+}
+
+void Listener::forget_closed() {
+  std::erase_if(open_, [this](const auto& one) {
+    const bool closed = socket_inode(one.first) != one.second.inode;
+    if (closed) leave(one.second.host);
+    return closed;
+  });
+}
+
+void Listener::leave(const std::string& host) {
+  const auto found = of_hosts_.find(host);
+  if (found != of_hosts_.end() && --found->second == 0) of_hosts_.erase(found);
 }
 
 void Listener::note_refusal(const char* why) {
@@ -353,6 +427,12 @@ std::vector<Listener::Connected> Listener::connections() {
   }
   std::sort(open.begin(), open.end(), [](const Connected& a, const Connected& b) { return a.since < b.since; });
   return open;
+}
+
+std::size_t Listener::open_count() {
+  const std::lock_guard lock(mutex_);
+  return static_cast<std::size_t>(
+      std::count_if(open_.begin(), open_.end(), [](const auto& one) { return socket_inode(one.first) == one.second.inode; }));
 }
 
 std::vector<Listener::Busy> Listener::busy() {

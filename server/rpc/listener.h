@@ -35,6 +35,10 @@ std::size_t connection_limit(std::size_t wanted);
 /// Accepts connections and hands them on, up to a limit: more are closed at once. gRPC's own listener has no limit, and stops for
 /// good when the process has no file left. Connections end without its being told; it looks which of them are still open.
 ///
+/// Nor does one host get all of them: it may have four times as many as are free, by the rule that the queue has for clients
+/// (Scheduler::enter), so that there is room for the next one. Hosts are those of host_of(); a unix socket, which has clients of
+/// this machine alone and no addresses, has no such limit.
+///
 ///   bound --start()--> accepting --stop()--> closed
 class Listener {
  public:
@@ -73,6 +77,11 @@ class Listener {
   /// Closes it and says why in the log, unless it is closed already. Any thread.
   void cut_off(const Busy& connection, const char* why);
 
+  /// Why no connection is accepted any more; empty while they are. For one thread that asks again and again: the thread of the
+  /// listener hangs when it has not come round for 10 s in which whoever asks has. A process that was stopped and goes on is
+  /// given that time anew.
+  std::string trouble(std::chrono::steady_clock::time_point now = std::chrono::steady_clock::now());
+
   /// More than so many are closed at once from now on; those that are open stay.
   void set_limit(std::size_t connections) { max_connections_ = connections; }
   struct Connected {
@@ -82,6 +91,7 @@ class Listener {
   /// Those that are open, the oldest first. Any thread.
   std::vector<Connected> connections();
 
+  std::size_t open_count();
   std::uint64_t refused() const { return refused_; }        ///< connections beyond the limit so far
   std::uint64_t cut_off_count() const { return cut_off_; }  ///< connections that cut_off() closed so far
 
@@ -89,9 +99,16 @@ class Listener {
   void bind_unix();
   void bind_tcp();
   void run();
-  void accept_from(int listening);
+  /// False when nothing is ever accepted from this socket again.
+  bool accept_from(int listening);
+  void give_up(const char* what, int error);
   void without_files(int listening);
-  bool has_room();
+  enum class Room { yes, none, none_for_host };
+  Room room_for(const std::string& host);
+  /// Those that are open, of all and of the host. With mutex_ held.
+  Room room_now(const std::string& host) const;
+  void forget_closed();
+  void leave(const std::string& host);
   void note_refusal(const char* why);
 
   const Options options_;
@@ -103,17 +120,26 @@ class Listener {
   std::function<void(int)> take_;
   std::atomic<std::uint64_t> refused_{0};
   std::atomic<std::uint64_t> cut_off_{0};
+  std::atomic<std::uint64_t> turns_{0};  ///< of the thread
   std::thread thread_;
   /// A connection that was handed on.
   struct Open {
     std::uint64_t inode = 0;     ///< of the socket: its descriptor may mean something else by now
+    std::string host;            ///< empty for unix sockets
     std::uint64_t received = 0;  ///< bytes, when last asked
     bool cut_off = false;        ///< closed here; its descriptor stays until gRPC closes it
     std::chrono::steady_clock::time_point since = std::chrono::steady_clock::now();
   };
   void close_now(int fd, Open& connection, const char* why);
   std::mutex mutex_;
-  std::unordered_map<int, Open> open_;  ///< by file descriptor; under mutex_
+  // under mutex_
+  std::unordered_map<int, Open> open_;                     ///< by file descriptor
+  std::unordered_map<std::string, std::size_t> of_hosts_;  ///< how many of these are of a host
+  std::string broken_;                                     ///< why a socket is of no use any more
+  // of whoever asks for trouble()
+  std::chrono::steady_clock::time_point asked_{};
+  std::chrono::steady_clock::duration silent_{0};
+  std::uint64_t turns_then_ = 0;
   // of the thread
   std::chrono::steady_clock::time_point counted_{}, complained_{};
   std::uint64_t complained_at_ = 0;  ///< refused() then

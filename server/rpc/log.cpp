@@ -130,9 +130,13 @@ std::string fields_of(const CallRecord& record) {
 constexpr char calls_logger[] = "deformd.calls";
 
 /// Of the process, as its logger.
-std::shared_ptr<LineBudget>& line_budget() {
-  static auto budget = std::make_shared<LineBudget>(0);
-  return budget;
+struct LineBudgets {
+  explicit LineBudgets(std::uint32_t lines_per_second) : calls(lines_per_second), library(lines_per_second) {}
+  LineBudget calls, library;
+};
+std::shared_ptr<LineBudgets>& line_budgets() {
+  static auto budgets = std::make_shared<LineBudgets>(0);
+  return budgets;
 }
 
 /// Whatever is logged, one record is one line, and nothing in it acts on the terminal that shows it.
@@ -219,7 +223,7 @@ void start_logging(const LogOptions& options) {
   std::unique_ptr<spdlog::formatter> formatter = std::make_unique<PrintableFormatter>();
   if (options.format == LogFormat::json) formatter = std::make_unique<JsonFormatter>();
   sink->set_formatter(std::move(formatter));
-  line_budget() = std::make_shared<LineBudget>(options.calls_per_second);
+  line_budgets() = std::make_shared<LineBudgets>(options.calls_per_second);
   spdlog::set_default_logger(make_logger("deformd", sink, options));
   spdlog::drop(calls_logger);
   if (options.format == LogFormat::json) spdlog::register_logger(make_logger(calls_logger, sink, options));
@@ -279,7 +283,7 @@ LineBudget::Answer LineBudget::next(Clock::time_point now) {
 }
 
 void log_call(const CallRecord& record) {
-  const LineBudget::Answer answer = line_budget()->next(LineBudget::Clock::now());
+  const LineBudget::Answer answer = line_budgets()->calls.next(LineBudget::Clock::now());
   if (!answer.logged) return;
   if (answer.left_out != 0) {
     spdlog::warn("{} calls are not in this log: more ended than --log-calls allows in a second", answer.left_out);
@@ -291,6 +295,16 @@ void log_call(const CallRecord& record) {
   } else {
     spdlog::log(level, "{}", to_line(record));
   }
+}
+
+void log_library(spdlog::level::level_enum level, const std::string& line) {
+  if (!spdlog::should_log(level)) return;
+  const LineBudget::Answer answer = line_budgets()->library.next(LineBudget::Clock::now());
+  if (!answer.logged) return;
+  if (answer.left_out != 0) {
+    spdlog::warn("{} lines of gRPC are not in this log: it wrote more than --log-calls allows in a second", answer.left_out);
+  }
+  spdlog::log(level, "grpc: {}", line);
 }
 
 }  // namespace deform::server

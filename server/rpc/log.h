@@ -99,4 +99,8 @@ class LineBudget {
 /// The next line that has room follows the number of those that had none.
 void log_call(const CallRecord& record);
 
+/// Logs a line of gRPC, which writes as many as its peers cause: as many in a second as log_call() does, in a budget of their
+/// own, so that neither takes from the other. Those of a level that is not logged take no room.
+void log_library(spdlog::level::level_enum level, const std::string& line);
+
 }  // namespace deform::server

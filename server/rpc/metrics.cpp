@@ -13,6 +13,7 @@
 
 #include <filesystem>
 #include <fstream>
+#include <limits>
 #include <utility>
 #include <vector>
 
@@ -112,7 +113,22 @@ void add_memory(const Metrics::Levels& levels, std::vector<MetricFamily>& all) {
                          static_cast<double>(info.resident_set_bytes())));
 }
 
-void add_store(const v1::ServerInfo& info, std::vector<MetricFamily>& all) {
+MetricFamily times_of(const char* name, const char* help, const SyncTimes& times) {
+  MetricFamily family;
+  family.name = name;
+  family.help = help;
+  family.type = MetricType::Histogram;
+  prometheus::ClientMetric& metric = family.metric.emplace_back();
+  for (std::size_t i = 0; i < times.counts.size(); ++i) {
+    metric.histogram.sample_count += times.counts[i];
+    const double bound = i < SyncTimes::bounds.size() ? SyncTimes::bounds[i] : std::numeric_limits<double>::infinity();
+    metric.histogram.bucket.push_back({metric.histogram.sample_count, bound});
+  }
+  metric.histogram.sample_sum = times.seconds;
+  return family;
+}
+
+void add_store(const v1::ServerInfo& info, const SyncTimes& syncs, std::vector<MetricFamily>& all) {
   const v1::StoreInfo& store = info.store();
   all.push_back(gauge_of("deformd_store_writable", "1 while geometries and setups can be added.", store.writable() ? 1 : 0));
   all.push_back(
@@ -123,6 +139,8 @@ void add_store(const v1::ServerInfo& info, std::vector<MetricFamily>& all) {
   all.push_back(gauge_of("deformd_store_setups", "Setups that are stored.", static_cast<double>(info.setups())));
   all.push_back(
       gauge_of("deformd_store_damaged_files", "Files set aside in damaged/.", static_cast<double>(store.damaged_files())));
+  all.push_back(times_of("deformd_store_sync_seconds",
+                         "Time that a file or folder of the store took to be durable (fsync); the catalog not included.", syncs));
   all.push_back(
       gauge_of("deformd_store_unclaimed_files", "Files set aside in unclaimed/.", static_cast<double>(store.unclaimed_files())));
 }
@@ -147,9 +165,23 @@ void add_process(const Metrics::Levels& levels, std::vector<MetricFamily>& all) 
                            static_cast<double>(levels.refused_connections)));
   all.push_back(counter_of("deformd_connections_cut_off_total", "Connections that were closed because they flooded the server.",
                            static_cast<double>(levels.cut_off_connections)));
+  all.push_back(gauge_of("deformd_connections_open", "Connections that are open.", static_cast<double>(levels.open_connections)));
   all.push_back(gauge_of("deformd_connections_limit", "Connections that may be open at once.",
                          static_cast<double>(levels.max_connections)));
 }
+
+/// Connections are refused by the listener, which counts them; they are a reason of the same figure.
+void add_refused_connections(double count, std::vector<MetricFamily>& all) {
+  for (MetricFamily& family : all) {
+    if (family.name != "deformd_refusals_total") continue;
+    prometheus::ClientMetric& metric = family.metric.emplace_back();
+    metric.label.push_back({"reason", "connections"});
+    metric.counter.value = count;
+  }
+}
+
+constexpr Refusal refusal_reasons[] = {Refusal::queue, Refusal::memory, Refusal::held,    Refusal::quota,
+                                       Refusal::rate,  Refusal::disk,   Refusal::draining};
 
 const char* status_of(const CallRecord& record) { return record.error ? to_string(record.error->code()) : "ok"; }
 
@@ -164,6 +196,12 @@ struct Metrics::Counted {
   prometheus::Family<prometheus::Histogram>& stages = prometheus::BuildHistogram()
                                                           .Name("deformd_stage_seconds")
                                                           .Help("Time that a call spent in a stage, of calls that had it.")
+                                                          .Register(registry);
+  prometheus::Family<prometheus::Counter>& refusals = prometheus::BuildCounter()
+                                                          .Name("deformd_refusals_total")
+                                                          .Help(
+                                                              "Calls and requests of streams that were refused for the state of "
+                                                              "the server or a quota, and connections, by reason.")
                                                           .Register(registry);
   prometheus::Gauge& open = prometheus::BuildGauge()
                                 .Name("deformd_calls_in_progress")
@@ -181,9 +219,17 @@ struct Metrics::Counted {
                                   .Register(registry)
                                   .Add({});
 
+  /// From the beginning, so that the first of a kind is an increase.
+  Counted() {
+    for (const Refusal reason : refusal_reasons) refusals.Add({{"reason", to_string(reason)}});
+  }
+
   /// Counts and times, of a method or of a request inside one.
   void ended(const std::string& method, const CallRecord& record) {
     calls.Add({{"method", method}, {"status", status_of(record)}}).Increment();
+    if (record.error && record.error->refusal() != Refusal::none) {
+      refusals.Add({{"reason", to_string(record.error->refusal())}}).Increment();
+    }
     durations.Add({{"method", method}}, duration_bounds()).Observe(seconds_per_millisecond * record.wall_ms);
     const std::pair<const char*, double> spent[] = {{"queue", record.queue_ms},
                                                     {"prepare", record.prepare_ms},
@@ -216,9 +262,10 @@ std::string Metrics::text(const Levels& levels) const {
   add_server(levels.server, all);
   add_cache(levels.server, all);
   add_memory(levels, all);
-  add_store(levels.server, all);
+  add_store(levels.server, levels.syncs, all);
   add_bases(levels.bases, all);
   add_process(levels, all);
+  add_refused_connections(static_cast<double>(levels.refused_connections), all);
   return prometheus::TextSerializer().Serialize(all);
 }
 

@@ -7,6 +7,7 @@
 #include <string>
 
 #include "deform/v1/service.pb.h"
+#include "server/engine/engine.h"
 #include "server/rpc/log.h"
 
 namespace deform::server {
@@ -33,6 +34,8 @@ class Metrics {
     Engine::StoredBasisCounts bases;
     bool memory_full = false;
     std::size_t held_request_bytes = 0;
+    SyncTimes syncs;
+    std::size_t open_connections = 0;
     std::uint64_t refused_connections = 0;
     std::uint64_t cut_off_connections = 0;
     std::size_t max_connections = 0;  ///< 0: no limit of the server's own

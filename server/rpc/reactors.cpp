@@ -9,6 +9,7 @@
 
 #include "core/base/text.h"
 #include "proto/convert/base/error.h"
+#include "server/rpc/peers.h"
 #include "server/rpc/service_messages.h"
 #include "server/rpc/status.h"
 
@@ -39,7 +40,8 @@ void let_in(ThreadPool& pool, ThreadPool::Task task) {
   constexpr std::uint32_t busy_retry_ms = 200;
   if (pool.try_post(std::move(task))) return;
   throw Error(ErrorCode::out_of_budget,
-              "too many calls are waiting (limit " + std::to_string(pool.queue_limit()) + "), try again later", busy_retry_ms);
+              "too many calls are waiting (limit " + std::to_string(pool.queue_limit()) + "), try again later", busy_retry_ms)
+      .refused_for(Refusal::queue);
 }
 
 }  // namespace
@@ -81,7 +83,7 @@ CallScope::CallScope(const char* method, const Incoming& incoming)
   call_.quota = admission_.quota;
   call_.in_flight = incoming.in_flight->of(call_.tenant);
   if (call_.tenant != default_tenant) record.tenant = call_.tenant;
-  call_.client = admission_.identity.empty() ? record.client : "identity " + admission_.identity;
+  call_.client = admission_.identity.empty() ? host_of(record.client) : "identity " + admission_.identity;
   // gRPC keeps wall-clock deadlines, "none" as the end of time.
   const auto deadline = incoming.context->deadline();
   const auto now = std::chrono::system_clock::now();
@@ -127,7 +129,8 @@ void CallScope::hold(std::size_t bytes) {
 void CallScope::check_draining() const {
   if (!*incoming_.draining || incoming_.needed != Role::use) return;
   throw Error(ErrorCode::unavailable, "the server is being drained and takes no new work; try another one, or again later",
-              draining_retry_ms);
+              draining_retry_ms)
+      .refused_for(Refusal::draining);
 }
 
 void CallScope::cut_off_soon() { cut_off_after(time_to_answer); }
@@ -147,7 +150,8 @@ void CallScope::cut_off_after(std::chrono::milliseconds time) {
 void CallScope::check_memory() const {
   if (!*incoming_.memory_full || incoming_.needed != Role::use) return;
   throw Error(ErrorCode::out_of_budget, "the process occupies more memory than --memory-budget allows for, try again later",
-              full_memory_retry_ms);
+              full_memory_retry_ms)
+      .refused_for(Refusal::memory);
 }
 
 void CallScope::check_access() {

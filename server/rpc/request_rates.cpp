@@ -26,7 +26,8 @@ void RequestRates::take(const std::string& tenant, std::uint64_t per_second, Clo
   throw Error(ErrorCode::out_of_budget,
               "quota requests-per-second of tenant \"" + tenant + "\": " + std::to_string(per_second) +
                   " were begun within a second, the limit is " + std::to_string(per_second) + "; try again later",
-              std::max<std::uint32_t>(1, wait));
+              std::max<std::uint32_t>(1, wait))
+      .refused_for(Refusal::rate);
 }
 
 }  // namespace deform::server

@@ -29,6 +29,12 @@ v1::ListLimitsReply RunningLimits::list() const {
   return reply;
 }
 
+bool RunningLimits::is_changeable(const std::string& name) const {
+  const std::lock_guard lock(mutex_);
+  const auto found = limits_.find(name);
+  return found != limits_.end() && found->second.change;
+}
+
 v1::SetLimitReply RunningLimits::set(const std::string& name, const std::string& value) {
   const std::lock_guard lock(mutex_);
   const auto found = limits_.find(name);

@@ -22,6 +22,7 @@ class RunningLimits {
   void add(const std::string& name, const std::string& value, Change change = {}, Current current = {});
 
   v1::ListLimitsReply list() const;
+  bool is_changeable(const std::string& name) const;
   /// Throws Error(not_found) for an unknown name, Error(invalid_argument) for what takes a restart, and what the change throws.
   v1::SetLimitReply set(const std::string& name, const std::string& value);
 

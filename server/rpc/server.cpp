@@ -108,7 +108,7 @@ void set_up_libraries() {
     gpr_set_log_function([](gpr_log_func_args* entry) {
       const auto level = entry->severity == GPR_LOG_SEVERITY_ERROR ? spdlog::level::warn : spdlog::level::debug;
       const bool secret = lower_case(entry->message).find("authorization") != std::string::npos;
-      spdlog::log(level, "grpc: {}", secret ? "(a message about authorization)" : escaped(entry->message, 500));
+      log_library(level, secret ? "(a message about authorization)" : escaped(entry->message, 500));
     });
     grpc::EnableDefaultHealthCheckService(true);
     grpc::reflection::InitProtoReflectionServerBuilderPlugin();
@@ -138,7 +138,10 @@ std::string failed_health_call(grpc::Server& server) {
 class GrpcServer final : public RunningServer {
  public:
   GrpcServer(const ServerOptions& options, std::unique_ptr<Engine> engine)
-      : engine_(std::move(engine)), service_(*engine_, with_certificates(options)), address_(options.address) {
+      : engine_(std::move(engine)),
+        service_(*engine_, with_certificates(options)),
+        address_(options.address),
+        on_failure_(options.on_failure) {
     set_up_libraries();
     credentials_ = options.tls.on() ? tls_credentials(options.tls) : grpc::InsecureServerCredentials();
     warn_of_exposure(options);
@@ -185,6 +188,10 @@ class GrpcServer final : public RunningServer {
   std::string address() const override { return address_; }
   int port() const override { return listener_ ? listener_->port() : 0; }
   Engine& engine() override { return *engine_; }
+  std::optional<std::string> take_over(const std::string& option, const std::string& value) override {
+    if (!limits_.is_changeable(option)) return std::nullopt;
+    return limits_.set(option, value == "0" ? meant_by_zero(option) : value).before();
+  }
   std::shared_ptr<grpc::Channel> in_process_channel() override { return server_->InProcessChannel(grpc::ChannelArguments()); }
 
   bool stop(std::chrono::milliseconds grace) override {
@@ -304,6 +311,13 @@ class GrpcServer final : public RunningServer {
     for (const auto& [name, value] : options.limits) limits_.add(name, value);
   }
 
+  /// What options leave to the server.
+  std::string meant_by_zero(const std::string& option) {
+    if (option == "cache-budget") return to_text(engine_->info().memory_budget() / 2);
+    if (option == "max-connections") return std::to_string(connection_limit(0));
+    return "0";
+  }
+
   static std::chrono::steady_clock::rep now() { return std::chrono::steady_clock::now().time_since_epoch().count(); }
 
   void open_operations_port(const std::string& address) {
@@ -320,6 +334,8 @@ class GrpcServer final : public RunningServer {
     levels.memory_full = service_.memory_full();
     levels.max_connections = connection_limit_;
     levels.held_request_bytes = service_.held_request_bytes();
+    levels.syncs = engine_->sync_times();
+    levels.open_connections = listener_ ? listener_->open_count() : 0;
     levels.refused_connections = listener_ ? listener_->refused() : 0;
     levels.cut_off_connections = listener_ ? listener_->cut_off_count() : 0;
     return service_.metrics().text(levels);
@@ -337,10 +353,30 @@ class GrpcServer final : public RunningServer {
 
   std::vector<HealthCheck> ready_checks() const {
     const v1::StoreInfo store = engine_->store();
-    return {{"accepting", !draining_ && !drained_,
-             draining_ ? "the server shuts down" : "draining: its operator sends clients elsewhere"},
+    std::string refuses = accept_trouble();
+    if (drained_) refuses = "draining: its operator sends clients elsewhere";
+    if (draining_) refuses = "the server shuts down";
+    return {{"accepting", refuses.empty(), refuses},
             {"store", store.writable(), store.reason()},
             {"memory", !service_.memory_full(), "the process occupies more memory than --memory-budget allows for"}};
+  }
+
+  std::string accept_trouble() const {
+    const std::lock_guard lock(trouble_mutex_);
+    return accept_trouble_;
+  }
+
+  /// Does the thread that accepts still turn, and its socket still listen?
+  void watch_listener() {
+    if (!listener_ || !accept_trouble().empty()) return;
+    const std::string why = listener_->trouble();
+    if (why.empty()) return;
+    spdlog::critical("connections: no more are accepted: {}", why);
+    {
+      const std::lock_guard lock(trouble_mutex_);
+      accept_trouble_ = why;
+    }
+    if (on_failure_) on_failure_("no more connections are accepted: " + why);
   }
 
   /// What the process occupies beyond what it did at its start counts against the budget, whatever was charged. `busy`: the
@@ -441,6 +477,7 @@ class GrpcServer final : public RunningServer {
     std::unique_lock lock(watch_mutex_);
     int turn = 0;
     while (!stopping_changed_.wait_for(lock, filling_ ? filling_interval : memory_interval, [this] { return stopping_; })) {
+      watch_listener();
       const std::vector<Listener::Busy> busy = watch_connections();
       if (engine_budgeted_) watch_memory(busy);
       watched_ = now();
@@ -471,7 +508,10 @@ class GrpcServer final : public RunningServer {
   std::unique_ptr<grpc::experimental::ExternalConnectionAcceptor> acceptor_;
   std::unique_ptr<Listener> listener_;
   std::string address_;
+  const std::function<void(const std::string&)> on_failure_;
   std::atomic<std::size_t> connection_limit_{0};
+  mutable std::mutex trouble_mutex_;
+  std::string accept_trouble_;  ///< under trouble_mutex_: why no connection is accepted any more
   RunningLimits limits_;
   std::mutex drain_mutex_;                                  ///< one change of health at a time
   std::atomic<bool> drained_{false};                        ///< by the operator

@@ -2,7 +2,9 @@
 #pragma once
 
 #include <chrono>
+#include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -45,6 +47,9 @@ struct ServerOptions {
   ServiceOptions service;
   /// Names and values of further limits, to show to the operator; those that change while the server runs are known anyway.
   std::vector<std::pair<std::string, std::string>> limits;
+  /// Called once, by a thread of the server, when no connection can be accepted any more, with the reason: to be started again is
+  /// all that helps. Empty: only /readyz and the log say so.
+  std::function<void(const std::string& why)> on_failure;
 
   /// Throws Error(invalid_argument) naming the option and its limits.
   void validate() const;
@@ -59,6 +64,9 @@ class RunningServer {
   virtual std::string address() const = 0;
   virtual int port() const = 0;
   virtual Engine& engine() = 0;
+  /// Takes over what an option says now, where that needs no restart: what was in force before. Nothing for all other options.
+  /// Throws Error(invalid_argument) for a value that is wrong, and nothing changes.
+  virtual std::optional<std::string> take_over(const std::string& option, const std::string& value) = 0;
   /// A connection without a network.
   virtual std::shared_ptr<grpc::Channel> in_process_channel() = 0;
   /// Health turns to NOT_SERVING, new work is refused, what is under way may end within `grace`, the rest is cancelled. True when

@@ -10,7 +10,7 @@
 namespace deform::server {
 
 grpc::Status to_status(const Error& error) {
-  return {static_cast<grpc::StatusCode>(convert::status_number(error.code())), escaped(error.what(), convert::max_error_message)};
+  return {static_cast<grpc::StatusCode>(convert::status_number(error.code())), escaped(error.told(), convert::max_error_message)};
 }
 
 Error to_error(const std::exception_ptr& exception) {
@@ -19,7 +19,7 @@ Error to_error(const std::exception_ptr& exception) {
   } catch (const Error& error) {
     return error;
   } catch (const std::bad_alloc&) {
-    return {ErrorCode::out_of_budget, "not enough memory for this request"};
+    return Error(ErrorCode::out_of_budget, "not enough memory for this request").refused_for(Refusal::memory);
   } catch (const std::exception& error) {
     return {ErrorCode::internal, error.what()};
   } catch (...) {

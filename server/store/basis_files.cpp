@@ -245,7 +245,7 @@ std::size_t BasisFiles::check(const RunContext& context,
     try {
       if (const auto reader = open(entry.system)) reader->verify();
     } catch (const Error& error) {
-      if (contains(entry.system)) damaged(entry.system, error.what());
+      if (contains(entry.system)) damaged(entry.system, error.told());
     }
   }
   return all.size();

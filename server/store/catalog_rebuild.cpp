@@ -28,7 +28,7 @@ std::set<OwnedId> as_set(const std::vector<OwnedId>& ids) { return {ids.begin(),
 
 std::int64_t modified_ms(FileSystem& files, const fs::path& file) {
   struct stat status {};
-  if (files.status(file, FileSystem::Links::follow, status) != 0) fail_on("look at", file);
+  if (files.status(file, FileSystem::Links::follow, status) != 0) fail_on(files, "look at", file);
   return std::int64_t{status.st_mtim.tv_sec} * 1000 + status.st_mtim.tv_nsec / 1'000'000;
 }
 

@@ -155,12 +155,13 @@ void write_record(const SetupRecord& record, const std::filesystem::path& file, 
 
 GeometryRecord read_geometry_record(const std::filesystem::path& file, const OwnedId& id, FileSystem& files) {
   const Fields fields = read_sealed(file, "geometry", 4, id, files);
-  return {fields[1], fields[2], number(fields[3], file.string()), Integrity::intact, id.tenant};
+  return {fields[1], fields[2], number(fields[3], "the stored record of geometry " + key_of(id)), Integrity::intact, id.tenant};
 }
 
 SetupRecord read_setup_record(const std::filesystem::path& file, const OwnedId& id, FileSystem& files) {
   const Fields fields = read_sealed(file, "setup", 6, id, files);
-  return {fields[1], fields[2], fields[3], fields[4], number(fields[5], file.string()), Integrity::intact, id.tenant};
+  return {fields[1],         fields[2], fields[3], fields[4], number(fields[5], "the stored record of setup " + key_of(id)),
+          Integrity::intact, id.tenant};
 }
 
 void verify(const SetupRecord& record) {

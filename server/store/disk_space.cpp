@@ -47,7 +47,8 @@ std::string DiskSpace::refusal(std::uint64_t bytes) const {
 
 void DiskSpace::require(std::uint64_t bytes) const {
   const std::string why = refusal(bytes);
-  if (!why.empty()) throw Error(ErrorCode::out_of_budget, "store: " + why + "; delete geometries or make room");
+  if (!why.empty())
+    throw Error(ErrorCode::out_of_budget, "store: " + why + "; delete geometries or make room").refused_for(Refusal::disk);
 }
 
 void DiskSpace::lend() {

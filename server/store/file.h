@@ -35,8 +35,8 @@ class File {
   int descriptor_;
 };
 
-/// Throws what errno says about an action on a path.
-[[noreturn]] void fail_on(const char* action, const std::filesystem::path& path);
+/// Throws what errno says about an action on a path; clients are told of the path as `files` shows it.
+[[noreturn]] void fail_on(const FileSystem& files, const char* action, const std::filesystem::path& path);
 
 /// Makes a rename or removal inside the directory durable.
 void sync_directory(FileSystem& files, const std::filesystem::path& directory);

@@ -55,6 +55,9 @@ class FileSystem {
   /// Bytes that this user may still write; nothing when that cannot be told.
   virtual std::optional<std::uint64_t> free_bytes(const Path& directory) = 0;
 
+  /// How those are told of a path who may read what is said about it.
+  virtual std::string shown(const Path& path) const { return path.string(); }
+
   /// Of SQLite, by its name; null: the one that SQLite takes by itself.
   virtual const char* sqlite_vfs() const = 0;
 };

@@ -17,7 +17,7 @@ namespace deform::server {
 
 GeometryStore::GeometryStore(const std::filesystem::path& directory, StoreOptions options)
     : options_(std::move(options)),
-      files_(options_.files == nullptr ? system_files() : *options_.files),
+      files_(options_.files == nullptr ? system_files() : *options_.files, directory, options_.naming),
       directory_(directory, StoreDirectory::Accept::stores, files_),
       disk_(directory_.root(), directory_.reserve(), options_.disk, files_),
       bases_(directory_, disk_, options_.most_bases) {

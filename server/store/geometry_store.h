@@ -75,10 +75,11 @@ class GeometryStore : public Store {
   StoreReport check(const RunContext& context, const RoomFor& room) override {
     return check_open_store(directory_, *catalog_, bases_, context, room);
   }
-  StoreReport backup(const std::filesystem::path& to) override { return backup_store(directory_.root(), to); }
+  StoreReport backup(const std::filesystem::path& to) override { return backup_store(directory_.root(), to, files_); }
 
   v1::ListGeometriesReply list(const std::string& tenant, const v1::ListGeometriesRequest& request) override;
 
+  SyncTimes sync_times() const override { return files_.sync_times(); }
   BasisFiles& bases() override { return bases_; }
   Catalog& catalog() override { return *catalog_; }
 
@@ -99,7 +100,7 @@ class GeometryStore : public Store {
   void step(const char* what) const { options_.on_step(what); }
 
   const StoreOptions options_;
-  FileSystem& files_;
+  mutable StoreFiles files_;
   const StoreDirectory directory_;
   DiskSpace disk_;
   BasisFiles bases_;

@@ -27,7 +27,7 @@ Error meaning(const PGresult* result, const std::string& message) {
   const std::string state = field == nullptr ? "" : field;
   const std::string kind = state.substr(0, 2);
   const std::string what = "catalog: " + message;
-  if (state == "53100") return {ErrorCode::out_of_budget, what};        // its disk is full
+  if (state == "53100") return Error(ErrorCode::out_of_budget, what).refused_for(Refusal::disk);
   if (state == "42501") return {ErrorCode::failed_precondition, what};  // the role may not
   // The tables are not ours, or what is in them cannot be read any more.
   if (kind == "XX" || kind == "42" || kind == "3F") return {ErrorCode::data_loss, what};

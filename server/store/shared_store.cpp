@@ -33,7 +33,7 @@ SharedStore::SharedStore(const std::filesystem::path& directory, std::unique_ptr
                          SharedStoreOptions options)
     : options_(std::move(options)),
       watched_(options_.store.files == nullptr ? std::make_unique<WatchedFiles>(system_files(), directory) : nullptr),
-      files_(watched_ ? *watched_ : *options_.store.files),
+      files_(watched_ ? static_cast<FileSystem&>(*watched_) : *options_.store.files, directory, options_.store.naming),
       catalog_(std::move(catalog)),
       directory_(open_directory(directory, *catalog_, files_)),
       disk_(directory_->root(), directory_->reserve(), options_.store.disk, files_),
@@ -373,7 +373,7 @@ StoreReport SharedStore::check(const RunContext& context, const RoomFor& room) {
       read_geometry_file(file_of(*record), id.id, files_).validate();
     } catch (const Error& error) {
       const auto now = catalog_->find_geometry(id);
-      if (now && now->put == record->put) complain(report, named("geometry", id) + ": " + error.what());
+      if (now && now->put == record->put) complain(report, named("geometry", id) + ": " + error.told());
     }
   }
   for (const auto& id : setups) {
@@ -383,7 +383,7 @@ StoreReport SharedStore::check(const RunContext& context, const RoomFor& room) {
     try {
       verify(*record);
     } catch (const Error& error) {
-      complain(report, named("system", id) + ": " + error.what());
+      complain(report, named("system", id) + ": " + error.told());
     }
   }
   check_bases(report, bases_, context);

@@ -78,6 +78,7 @@ class SharedStore : public Store {
 
   v1::ListGeometriesReply list(const std::string& tenant, const v1::ListGeometriesRequest& request) override;
 
+  SyncTimes sync_times() const override { return files_.sync_times(); }
   BasisFiles& bases() override { return bases_; }
   Catalog& catalog() override { return *catalog_; }
   SharedCatalog& shared_catalog() { return *catalog_; }
@@ -103,7 +104,7 @@ class SharedStore : public Store {
 
   const SharedStoreOptions options_;
   const std::unique_ptr<WatchedFiles> watched_;  // unless the options name other files
-  FileSystem& files_;
+  mutable StoreFiles files_;
   const std::unique_ptr<SharedCatalog> catalog_;
   const std::unique_ptr<StoreDirectory> directory_;
   DiskSpace disk_;

@@ -108,7 +108,7 @@ bool take_files(SharedCatalog& catalog, const StoreDirectory& directory, StoreCo
     const auto now = catalog.find_geometry(id);
     if (!now || now->put != put) return false;
     if (!directory.is_reachable()) throw Error(ErrorCode::unavailable, "store: the shared folder cannot be reached");
-    complain(report, named("geometry", id) + ": its file is missing in " + directory.root().string());
+    complain(report, named("geometry", id) + ": its file is missing in " + directory.files().shown(directory.root()));
   }
   return true;
 }
@@ -145,7 +145,7 @@ StoreReport backup_shared_store(SharedCatalog& catalog, const StoreDirectory& di
   const fs::path source = fs::weakly_canonical(directory.root()), target = fs::weakly_canonical(to);
   if (std::mismatch(source.begin(), source.end(), target.begin(), target.end()).first == source.end()) {
     throw Error(ErrorCode::invalid_argument,
-                "store: " + to.string() + " is inside " + source.string() + "; name a folder elsewhere");
+                "store: " + to.string() + " is inside " + files.shown(source) + "; name a folder elsewhere");
   }
   StoreCopy copy(to, "the store with the catalog " + catalog.identity(), files);
   for (int round = 0; round < most_rounds; ++round) {
@@ -160,7 +160,7 @@ StoreReport backup_shared_store(SharedCatalog& catalog, const StoreDirectory& di
     report.lines.push_back(text_of({rows.geometries.size(), rows.setups}));
     return report;
   }
-  throw Error(ErrorCode::unavailable, "store: " + source.string() + " changes too fast to be copied");
+  throw Error(ErrorCode::unavailable, "store: " + files.shown(source) + " changes too fast to be copied");
 }
 
 StoreReport import_store(const fs::path& from, SharedStore& store, FileSystem& files) {

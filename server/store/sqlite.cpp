@@ -37,8 +37,9 @@ ErrorCode meaning(int code) {
 
 void fail(sqlite3* db, int code) {
   const int extended = db == nullptr ? code : sqlite3_extended_errcode(db);
-  throw Error(meaning((extended & 0xff) == (code & 0xff) ? extended : code),
-              std::string("catalog: ") + (db == nullptr ? sqlite3_errstr(code) : sqlite3_errmsg(db)));
+  const ErrorCode kind = meaning((extended & 0xff) == (code & 0xff) ? extended : code);
+  throw Error(kind, std::string("catalog: ") + (db == nullptr ? sqlite3_errstr(code) : sqlite3_errmsg(db)))
+      .refused_for(kind == ErrorCode::out_of_budget ? Refusal::disk : Refusal::none);
 }
 
 Connection open(const std::filesystem::path& file, int flags, const char* vfs) {

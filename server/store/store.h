@@ -20,6 +20,7 @@
 #include "server/store/disk_space.h"
 #include "server/store/file_system.h"
 #include "server/store/store_commands.h"
+#include "server/store/store_files.h"
 
 namespace deform::server {
 
@@ -30,6 +31,8 @@ struct StoreOptions {
   std::function<void(const char* step)> on_step = [](const char*) {};
   /// Outlives the store; null: that of this machine.
   FileSystem* files = nullptr;
+  /// In what clients are told.
+  Naming naming = Naming::in_full;
 };
 
 /// What a server has in memory of what is stored, for a store from which others remove, too.
@@ -91,6 +94,9 @@ class Store {
   /// for what is no such prefix or has several answers, Error(not_found).
   OwnedId resolve_geometry(const std::string& tenant, const std::string& id_or_prefix);
   OwnedId resolve_setup(const std::string& tenant, const std::string& id_or_prefix);
+
+  /// How long files and folders took to be durable.
+  virtual SyncTimes sync_times() const = 0;
 
   /// What prepared systems have left; goes with their setups and geometries.
   virtual BasisFiles& bases() = 0;

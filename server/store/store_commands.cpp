@@ -31,6 +31,8 @@ template <typename Verify>
 void check_one(StoreReport& report, const std::string& what, Verify verify) {
   try {
     verify();
+  } catch (const Error& error) {
+    complain(report, what + ": " + error.told());
   } catch (const std::exception& error) {
     complain(report, what + ": " + error.what());
   }
@@ -64,7 +66,7 @@ void check_strangers(StoreReport& report, FileSystem& files, const fs::path& fol
   const std::set<std::string> known = keys_of(ids);
   for (const fs::path& path : entries_of(files, folder)) {
     if (known.count(path.filename().string()) == 0) {
-      complain(report, path.string() + ": not in the catalog; the next start adopts it or moves it to unclaimed/");
+      complain(report, files.shown(path) + ": not in the catalog; the next start adopts it or moves it to unclaimed/");
     }
   }
 }
@@ -115,19 +117,19 @@ std::set<fs::path> missing(FileSystem& files, const fs::path& root, const Ids& i
 StoreReport copy_store(const fs::path& from, const fs::path& to, FileSystem& files) {
   if (is_interrupted_copy(from, files)) {
     throw Error(ErrorCode::failed_precondition,
-                "store: " + from.string() +
+                "store: " + files.shown(from) +
                     " has no mark; if a backup to it was interrupted, it lacks files: remove it and "
                     "make another one");
   }
   if (!has_mark(from, files)) {
-    throw Error(ErrorCode::failed_precondition, "store: " + from.string() +
+    throw Error(ErrorCode::failed_precondition, "store: " + files.shown(from) +
                                                     " is not a store of deformd (it has no mark); one of 0.1 becomes one when a "
                                                     "server starts on it");
   }
   const fs::path source = fs::weakly_canonical(from), target = fs::weakly_canonical(to);
   if (std::mismatch(source.begin(), source.end(), target.begin(), target.end()).first == source.end()) {
     throw Error(ErrorCode::invalid_argument,
-                "store: " + to.string() + " is inside " + from.string() + "; name a folder elsewhere");
+                "store: " + to.string() + " is inside " + files.shown(from) + "; name a folder elsewhere");
   }
   StoreCopy copy(to, "the store in " + source.string(), files);
   // Every file of a row is there when the row is: so files first, then the catalog, then what came in between. What came and went
@@ -143,7 +145,7 @@ StoreReport copy_store(const fs::path& from, const fs::path& to, FileSystem& fil
     ids = ids_of(files, copy.catalog());
     std::set<fs::path> now = missing(files, to, ids);
     if (now.empty() || (round > 0 && now == before)) break;
-    if (round == rounds) throw Error(ErrorCode::unavailable, "store: " + from.string() + " changes too fast to be copied");
+    if (round == rounds) throw Error(ErrorCode::unavailable, "store: " + files.shown(from) + " changes too fast to be copied");
     before = std::move(now);
   }
   // Files of what was deleted or not yet registered when the catalog was copied.
@@ -154,7 +156,7 @@ StoreReport copy_store(const fs::path& from, const fs::path& to, FileSystem& fil
   say(report, counted(ids.geometries.size(), "geometries, ") + counted(ids.setups.size(), "setups"));
   for (const auto& id : ids.geometries) {
     if (!exists(files, to / "geometries" / key_of(id)))
-      complain(report, named("geometry", id) + ": its file is missing in " + from.string());
+      complain(report, named("geometry", id) + ": its file is missing in " + files.shown(from));
   }
   return report;
 }
@@ -165,7 +167,7 @@ StoreReport guarded(Work work) {
   try {
     return work();
   } catch (const fs::filesystem_error& error) {
-    throw Error(ErrorCode::unavailable, std::string("store: ") + error.what());
+    throw Error(ErrorCode::unavailable, std::string("store: ") + error.what()).told_as("store: " + error.code().message());
   }
 }
 
@@ -193,7 +195,7 @@ StoreReport check_store(const fs::path& data_dir, FileSystem& files) {
     } catch (const Error& error) {
       if (error.code() != ErrorCode::data_loss) throw;
       complain(report,
-               std::string(error.what()) + "; the next start, or \"deformd store rebuild\", makes a new one of the files");
+               std::string(error.told()) + "; the next start, or \"deformd store rebuild\", makes a new one of the files");
       return report;
     }
     check_rows(report, damaged);
@@ -237,7 +239,7 @@ StoreReport check_open_store(const StoreDirectory& directory, Catalog& catalog, 
       check_rows(report, catalog.check());
     } catch (const Error& error) {
       if (error.code() != ErrorCode::data_loss) throw;
-      complain(report, std::string(error.what()) + "; the next start makes a new one of the files");
+      complain(report, std::string(error.told()) + "; the next start makes a new one of the files");
       return report;
     }
     // A row that goes meanwhile takes its files along.

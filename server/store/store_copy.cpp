@@ -54,7 +54,7 @@ StoreCopy::StoreCopy(const fs::path& to, const std::string& source, FileSystem& 
   }
   if (!begun) {
     make_directories(files_, root_);
-    if (files_.close_to_others(root_) != 0) fail_on("close to others", root_);
+    if (files_.close_to_others(root_) != 0) fail_on(files_, "close to others", root_);
     {
       const File file(files_, part, O_WRONLY | O_CREAT | O_TRUNC | O_NOFOLLOW);
       const std::string text = note_of(source);
@@ -69,7 +69,7 @@ StoreCopy::StoreCopy(const fs::path& to, const std::string& source, FileSystem& 
     throw Error(ErrorCode::unavailable, "store: another process makes a copy in " + root_.string());
   }
   for (const char* folder : folders) {
-    if (files_.make_directory(root_ / folder) != 0 && errno != EEXIST) fail_on("create", root_ / folder);
+    if (files_.make_directory(root_ / folder) != 0 && errno != EEXIST) fail_on(files_, "create", root_ / folder);
   }
 }
 
@@ -78,7 +78,7 @@ bool StoreCopy::take(const fs::path& from, const char* folder, const std::string
   struct stat about {};
   if (files_.status(from, FileSystem::Links::follow, about) != 0) {
     if (errno == ENOENT) return false;
-    fail_on("look at", from);
+    fail_on(files_, "look at", from);
   }
   const Version version{about.st_dev, about.st_ino, about.st_mtim};
   const auto known = taken_.find(to);

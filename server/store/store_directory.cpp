@@ -160,7 +160,7 @@ constexpr std::chrono::milliseconds lock_pause = 50ms;
 int lock(const fs::path& root, Lock how, FileSystem& files) {
   const fs::path file = root / "lock";
   const int descriptor = files.open(file, O_RDWR | O_CREAT | O_NOFOLLOW);
-  if (descriptor < 0) fail_on("open", file);
+  if (descriptor < 0) fail_on(files, "open", file);
   const auto locks = [&] { return (how == Lock::alone ? files.lock(descriptor) : files.lock_shared(descriptor)) == 0; };
   bool locked = locks();
   for (auto waited = 0ms; !locked && errno == EWOULDBLOCK && waited < lock_patience; waited += lock_pause) {
@@ -221,7 +221,7 @@ StoreDirectory::StoreDirectory(const fs::path& root, Accept accept, FileSystem& 
       write_mark(root, files);
     }
     for (const fs::path& folder : {geometries(), names(), setups(), tmp(), damaged(), unclaimed()}) {
-      if (!is_directory(files, folder) && files.make_directory(folder) != 0 && errno != EEXIST) fail_on("create", folder);
+      if (!is_directory(files, folder) && files.make_directory(folder) != 0 && errno != EEXIST) fail_on(files, "create", folder);
     }
     sync_directory(files, root);
   } catch (...) {
@@ -285,7 +285,7 @@ fs::path StoreDirectory::set_aside_catalog() const {
   for (int number = 0;; ++number) {
     const fs::path folder = damaged() / ("catalog." + std::to_string(number));
     if (files_.make_directory(folder) != 0) {
-      if (errno != EEXIST) fail_on("create", folder);
+      if (errno != EEXIST) fail_on(files_, "create", folder);
       continue;  // an earlier one
     }
     for (const char* suffix : {"", "-wal", "-shm"}) {

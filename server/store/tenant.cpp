@@ -42,12 +42,14 @@ void check_quota(const std::string& tenant, const StoredAmount& has, const Store
   const char* advice = "; delete geometries or systems, or ask the operator of the server for more";
   if (quota.geometries != 0 && more.geometries != 0 && has.geometries + more.geometries > quota.geometries) {
     throw Error(ErrorCode::out_of_budget, "quota geometries of tenant \"" + tenant + "\": " + std::to_string(has.geometries) +
-                                              " are registered, the limit is " + std::to_string(quota.geometries) + advice);
+                                              " are registered, the limit is " + std::to_string(quota.geometries) + advice)
+        .refused_for(Refusal::quota);
   }
   if (quota.stored_bytes != 0 && more.bytes != 0 && more.bytes > quota.stored_bytes - std::min(has.bytes, quota.stored_bytes)) {
     throw Error(ErrorCode::out_of_budget, "quota stored-bytes of tenant \"" + tenant + "\": " + mebibytes(has.bytes) +
                                               " are stored, " + mebibytes(more.bytes) + " more are wanted, the limit is " +
-                                              mebibytes(quota.stored_bytes) + advice);
+                                              mebibytes(quota.stored_bytes) + advice)
+        .refused_for(Refusal::quota);
   }
 }
 

@@ -1,17 +1,21 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A client that asks for little: one design and one question again and again, until its standard input ends. A process of its own, so
-that nothing but the server keeps it waiting. Prints the seconds of its rounds and its failures as JSON.
+that nothing but the server keeps it waiting, and of an address of its own, since clients without identities are told apart by theirs.
+Prints the seconds of its rounds and its failures as JSON.
 
     honest.py ADDRESS [TOKEN]    the DeformRequest on standard input, as one line of hexadecimal digits
 """
 
 import json
+import os
 import sys
 import threading
 import time
 
 import grpc
 
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.dirname(os.path.abspath(__file__))), "end_to_end"))
+from relay import Relay  # noqa: E402
 from deform.v1 import deformation_pb2, service_pb2, service_pb2_grpc
 
 
@@ -40,7 +44,8 @@ def main():
     token = sys.argv[2] if len(sys.argv) > 2 else ""
     calling = {"timeout": 30, "metadata": (("authorization", f"Bearer {token}"),) if token else ()}
     seconds, failures = [], []
-    with grpc.insecure_channel(sys.argv[1]) as channel:
+    relay = Relay(int(sys.argv[1].rsplit(":", 1)[1]))
+    with grpc.insecure_channel(relay.address) as channel:
         service = service_pb2_grpc.DeformServiceStub(channel)
         while not ending.wait(0.02):
             start = time.monotonic()

@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """More connections than the server takes or has files for, connections that say nothing, and connections that grow old."""
 
+import ctypes
+import os
 import resource
 import socket
 import time
 
 from harness import AHMED_SETUP, EndToEnd, main
+from relay import Relay
 
 MANY = 1500  # more than the files of the server in these tests
 
@@ -53,6 +56,10 @@ class Connections(EndToEnd):
                 count += 1
         return count
 
+    def resident(self):
+        with open(f"/proc/{self.server.process.pid}/status") as status:
+            return next(1024 * int(line.split()[1]) for line in status if line.startswith("VmRSS"))
+
     def busy_client(self):
         self.deform("sample", "-o", "ahmed.obj", "--points", 2000)
         self.write("setup.yaml", AHMED_SETUP)
@@ -65,15 +72,37 @@ class Connections(EndToEnd):
         self.start_server("--max-connections", 50)
         client = self.busy_client()
         self.open_many(200)
-        self.wait_until(lambda: self.closed() >= 150, "those beyond the limit are closed")
-        self.assertLessEqual(self.closed(), 155, "the others stay")  # some places are taken by deform
+        self.wait_until(lambda: self.closed() >= 200 - 41, "those beyond the share of this address are closed")
+        self.assertLessEqual(self.closed(), 200 - 41 + 5, "the others stay")  # some places are taken by deform
         self.fails(3, "status")
         self.assertIsNone(client.poll(), "a client that is connected goes on")
         self.close_all()
         self.wait_until(lambda: self.deform("status", expect=None).code == 0, "new clients are served again", seconds=10)
         out, err = client.communicate(timeout=120)
         self.assertEqual(client.returncode, 0, err)
-        self.assertIn("refused: as many connections are open as --max-connections allows", self.server.log_text())
+        self.assertIn("refused: their address has most of the connections that --max-connections allows", self.server.log_text())
+
+    def test_one_address_does_not_keep_another_out(self):
+        """A stranger who opens connections for as long as it likes, each with a hello."""
+        self.start_server("--max-connections", 1000)
+        relay = Relay(self.server.port)
+        self.addCleanup(relay.close)
+        self.deform("--server", relay.address, "status")
+        before = self.resident()
+        for _ in range(3):
+            self.open_many(MANY // 3)
+            for one in self.sockets[-(MANY // 3):]:
+                one.settimeout(5)
+                try:
+                    one.sendall(b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n\0\0\0\4\0\0\0\0\0")
+                except OSError:
+                    pass  # refused
+            self.deform("--server", relay.address, "status")
+        self.wait_until(lambda: self.closed() >= MANY - 801, "those beyond four fifths of the limit are closed")
+        self.deform("--server", relay.address, "status")
+        self.assertLessEqual(self.closed(), MANY - 795, "the others stay")
+        self.assertLess(self.resident() - before, 64 << 20)
+        self.fails(3, "status")
 
     def test_a_server_without_files_lives(self):
         self.start_server()
@@ -87,6 +116,34 @@ class Connections(EndToEnd):
         self.wait_until(lambda: self.deform("status", expect=None).code == 0, "new clients are served again", seconds=20)
         out, err = client.communicate(timeout=120)
         self.assertEqual(client.returncode, 0, err)
+
+    def test_a_server_that_can_accept_no_more_ends(self):
+        """Its socket is shut down beneath it, which takes the right to look into another process."""
+        self.start_server()
+        self.deform("status")
+        listening = self.listening_socket()
+        listening.shutdown(socket.SHUT_RDWR)
+        listening.close()
+        self.assertEqual(self.server.process.wait(20), 1)
+        self.assertIn("no more connections are accepted: nothing can be accepted from a socket that is listened on", self.server.log_text())
+
+    def listening_socket(self):
+        """That of the server."""
+        pidfd_open, pidfd_getfd = 434, 438  # which Python does not have by name
+        system = ctypes.CDLL(None, use_errno=True).syscall
+        process = system(pidfd_open, self.server.process.pid, 0)
+        for name in os.listdir(f"/proc/{self.server.process.pid}/fd"):
+            if not os.readlink(f"/proc/{self.server.process.pid}/fd/{name}").startswith("socket:"):
+                continue
+            fd = system(pidfd_getfd, process, int(name), 0)
+            if fd < 0:
+                self.skipTest(f"a descriptor of another process cannot be had here: {os.strerror(ctypes.get_errno())}")
+            one = socket.socket(fileno=fd)
+            if one.family == socket.AF_INET and one.getsockname()[1] == self.server.port and one.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN):
+                os.close(process)
+                return one
+            one.close()
+        self.fail("the server listens on no socket")
 
     def test_more_connections_than_files_are_refused_at_the_start(self):
         soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)

@@ -97,6 +97,31 @@ class Operations(EndToEnd):
             self.assertEqual(now[f'deformd_call_seconds_count{{method="{method}"}}'], len(walls))
             self.assertAlmostEqual(now[f'deformd_call_seconds_sum{{method="{method}"}}'], sum(walls) / 1e3, delta=1e-5 * len(walls))
         self.assertGreater(now['deformd_stage_seconds_sum{stage="solve"}'], 0)
+        self.assertGreaterEqual(now["deformd_store_sync_seconds_count"] - before["deformd_store_sync_seconds_count"], 4, "a geometry was stored")
+        self.assertLess(now["deformd_connections_open"], 5)
+        with socket.create_connection(("127.0.0.1", self.server.port)):
+            self.wait_until(lambda: self.figures()["deformd_connections_open"] > 0, "a connection")
+
+    def test_refusals_are_counted_by_their_reason(self):
+        self.start("--memory-budget", "64MiB")
+        refused = lambda: {name[len('deformd_refusals_total{reason="'):-2]: value for name, value in self.figures().items()
+                           if name.startswith("deformd_refusals_total")}
+        none = dict.fromkeys(("queue", "memory", "held", "quota", "rate", "disk", "draining", "connections"), 0)
+        self.assertEqual(refused(), none)
+        self.deform("sample", "-o", "ahmed.obj", "--points", 60000)
+        self.write("setup.yaml", AHMED_SETUP)
+        self.deform("register", "ahmed.obj", expect=None)
+        self.deform("prepare", "setup.yaml", expect=None)
+        self.wait_until(lambda: refused()["memory"] > 0, "what does not fit into the budget")
+        self.deform("admin", "drain")
+        self.deform("prepare", "setup.yaml", expect=None)
+        self.wait_until(lambda: refused()["draining"] > 0, "what is refused by a server that is drained")
+        self.assertEqual({**refused(), "memory": 0, "draining": 0}, none)
+        self.server.stop()
+        self.start("--keep-free", "1000T")
+        self.deform("sample", "-o", "other.obj", "--points", 2000)
+        self.deform("register", "other.obj", expect=None)
+        self.wait_until(lambda: refused()["disk"] > 0, "a disk without room")
 
     def test_figures_are_what_prometheus_reads_and_the_rules_ask_for(self):
         self.start()
@@ -175,6 +200,31 @@ class Operations(EndToEnd):
             self.assertNotEqual(done.returncode, 0)
             self.assertIn("option metrics-address", done.stderr)
             self.assertIn(says, done.stderr)
+
+    def test_hangup_takes_limits_over(self):
+        self.write("server.yaml", "queue_limit: 100\n")
+        server = self.start_server("--config", self.path("server.yaml"), "--max-deadline", "60")
+        limits = lambda: {limit["name"]: limit["value"] for limit in self.deform("admin", "limits", "--json").json["limits"]}
+        before = limits()
+
+        def hang_up(text, logged):
+            self.write("server.yaml", text)
+            server.process.send_signal(signal.SIGHUP)
+            self.assert_logged(logged)
+
+        hang_up("queue_limit: 200\ncache_budget: 3MiB\nmax_connections: 77\nmax_points: 9\nmax_deadline: 5\n",
+                "option max-points=9 takes a restart; it stays 50000000")
+        for line in ("queue-limit=200 .*server.yaml:1. is taken over, before 100", "cache-budget=3MiB .* is taken over, before ",
+                     "max-connections=77 .* is taken over, before "):
+            self.assert_logged("option " + line)
+        self.assertEqual(limits(), {**before, "queue-limit": "200", "cache-budget": "3MiB", "max-connections": "77"}, "a flag wins over the file")
+        # What the operator has set stays as long as the options are what they were.
+        self.deform("admin", "limits", "queue-limit=9")
+        hang_up("queue_limit: 200\n", "option max-connections=0 .* is taken over, before 77")
+        self.assertEqual(limits(), {**before, "queue-limit": "9"})
+        hang_up("queue_limit: 300\ncache_budget: 900TiB\n", "option cache-budget=.* is not taken over, it stays: limit cache-budget: more than")
+        self.assertEqual(limits(), {**before, "queue-limit": "300"})
+        self.assertEqual(server.stop(), 0)
 
     def test_hangup_reopens_the_log_and_takes_the_level_over(self):
         self.write("server.yaml", "log_level: info\nworkers: 1\n")

@@ -207,6 +207,31 @@ TEST_P(RolesAndMethods, TheQueueGoesByIdentityAndNotByConnection) {
   EXPECT_NE(clients[0], clients[2]);
 }
 
+TEST_P(RolesAndMethods, WithoutIdentitiesTheQueueGoesByHostAndNotByConnection) {
+  std::mutex mutex;
+  std::vector<std::string> clients;
+  engine.on_prepare = [&](const v1::PrepareRequest&, const CallContext& call, auto, auto on_done) {
+    {
+      const std::lock_guard lock(mutex);
+      clients.push_back(call.client);
+    }
+    on_done({});
+  };
+  start();
+  for (int i = 0; i < 2; ++i) {
+    const auto own = v1::DeformService::NewStub(server->channel());
+    grpc::ClientContext context;
+    v1::PrepareReply reply;
+    const auto reader = own->Prepare(&context, {});
+    while (reader->Read(&reply)) {
+    }
+    reader->Finish();
+  }
+  ASSERT_EQ(clients.size(), 2u);
+  EXPECT_EQ(clients[0], clients[1]);
+  if (GetParam() == support::Transport::loopback) EXPECT_EQ(clients[0], "ipv4:127.0.0.1");
+}
+
 TEST_P(RolesAndMethods, AChangeOfTheFileReachesNewCallsAndOpenStreams) {
   start_with(everybody());
   grpc::ClientContext context;

@@ -406,5 +406,28 @@ TEST(AdminLimits, AreShownAndChanged) {
   EXPECT_EQ(connections.connections(0).peer().substr(0, 15), "ipv4:127.0.0.1:");
 }
 
+TEST(AdminLimits, AreTakenOverFromOptionsThatAreReadAgain) {
+  ServerOptions options;
+  options.limits = {{"max-points", "50000000"}};
+  options.engine.memory_budget = std::size_t{1} << 30;
+  support::InProcessServer server(support::Transport::loopback, options);
+  RunningServer& running = server.running();
+  EXPECT_EQ(running.take_over("queue-limit", "7"), "256");
+  EXPECT_EQ(server.engine().info().queue_limit(), 7u);
+  EXPECT_EQ(running.take_over("cache-budget", "1MiB"), "512MiB");
+  EXPECT_EQ(running.take_over("cache-budget", "0"), "1MiB");
+  EXPECT_EQ(server.engine().info().cache_budget(), std::size_t{512} << 20) << "0 is left to the server";
+  EXPECT_EQ(running.take_over("max-deadline", "2.5"), "0");
+  EXPECT_EQ(running.take_over("max-deadline", "0"), "2.5");
+  const std::string all = running.take_over("max-connections", "9").value();
+  EXPECT_EQ(running.take_over("max-connections", "0"), "9");
+  EXPECT_EQ(running.take_over("max-connections", "9"), all);
+  EXPECT_EQ(running.take_over("max-points", "1"), std::nullopt) << "takes a restart";
+  EXPECT_EQ(running.take_over("workers", "1"), std::nullopt);
+  EXPECT_EQ(running.take_over("data-dir", "/elsewhere"), std::nullopt);
+  EXPECT_THROW(running.take_over("cache-budget", "900TiB"), Error);
+  EXPECT_EQ(server.engine().info().cache_budget(), std::size_t{512} << 20);
+}
+
 }  // namespace
 }  // namespace deform::server

@@ -130,6 +130,7 @@ TEST(HeldRequests, SharesComeBackAndLargeOnesLeaveRoomForSmallOnes) {
     } catch (const Error& error) {
       EXPECT_EQ(error.code(), ErrorCode::out_of_budget);
       EXPECT_GT(error.retry_after_ms(), 0u);
+      EXPECT_EQ(error.refusal(), Refusal::held);
     }
     large = {};
     EXPECT_EQ(held.in_use(), 120'000u);
@@ -148,6 +149,7 @@ TEST(HeldRequests, WhatNeverFitsIsNotToBeTriedAgain) {
   } catch (const Error& error) {
     EXPECT_EQ(error.code(), ErrorCode::out_of_budget);
     EXPECT_EQ(error.retry_after_ms(), 0u);
+    EXPECT_EQ(error.refusal(), Refusal::held);
   }
 }
 

@@ -77,6 +77,7 @@ TEST(RequestRates, ABucketOfOneSecondIsFilledSteadily) {
       return 0;
     } catch (const Error& error) {
       EXPECT_EQ(error.code(), ErrorCode::out_of_budget);
+      EXPECT_EQ(error.refusal(), Refusal::rate);
       return error.retry_after_ms();
     }
   };

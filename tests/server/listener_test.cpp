@@ -3,7 +3,7 @@
 // busy.
 #include "server/rpc/listener.h"
 
-#include <arpa/inet.h>
+#include <fcntl.h>
 #include <gtest/gtest.h>
 #include <sys/socket.h>
 #include <unistd.h>
@@ -13,6 +13,9 @@
 #include <mutex>
 #include <string>
 #include <vector>
+
+#include "server/rpc/peers.h"
+#include "tests/server/sockets.h"
 
 namespace deform::server {
 namespace {
@@ -38,14 +41,7 @@ class ListenerConnections : public testing::Test {
     for (int fd : taken_) close(fd);
   }
 
-  void connect_one() {
-    sockaddr_in address{};
-    address.sin_family = AF_INET;
-    address.sin_port = htons(static_cast<std::uint16_t>(listener_.port()));
-    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-    clients_.push_back(socket(AF_INET, SOCK_STREAM, 0));
-    ASSERT_EQ(connect(clients_.back(), reinterpret_cast<const sockaddr*>(&address), sizeof(address)), 0);
-  }
+  void connect_one() { clients_.push_back(connected_to(listener_.port())); }
   /// This client sends more than the listener takes for little.
   void send_much(int client) {
     const std::string much(16 << 10, 'x');
@@ -94,6 +90,177 @@ TEST_F(ListenerConnections, LeavesAnotherThatHasTheDescriptorOfAClosedOne) {
   EXPECT_EQ(listener_.cut_off_count(), 0);
   EXPECT_FALSE(ended(clients_[0]));
   EXPECT_FALSE(ended(clients_[1]));
+}
+
+TEST(Hosts, AreTheAddressesOfPeersWithoutTheirPorts) {
+  EXPECT_EQ(host_of("ipv4:10.0.0.7:4242"), "ipv4:10.0.0.7");
+  EXPECT_EQ(host_of("ipv4:10.0.0.7:1"), host_of("ipv4:10.0.0.7:65535"));
+  EXPECT_NE(host_of("ipv4:10.0.0.7:1"), host_of("ipv4:10.0.0.70:1"));
+  for (const char* peer :
+       {"ipv6:[2001:db8:1:2:3:4:5:6]:4242", "ipv6:%5B2001:db8:1:2::1%5D:7", "ipv6:%5B2001:db8:1:2::%25eth0%5D:7"}) {
+    EXPECT_EQ(host_of(peer), "ipv6:2001:db8:1:2::/64") << "one network, which is one host's";
+  }
+  EXPECT_NE(host_of("ipv6:[2001:db8:1:3::1]:4242"), "ipv6:2001:db8:1:2::/64");
+  EXPECT_EQ(host_of("ipv6:[::ffff:10.0.0.7]:4242"), "ipv4:10.0.0.7");
+  for (const char* peer :
+       {"unix:", "unix:/run/deformd", "unix-abstract:name", "inproc", "", "ipv4:", "ipv4:somewhere:1", "ipv6:[]:1"}) {
+    EXPECT_EQ(host_of(peer), peer);
+  }
+}
+
+/// Connections of several hosts to a listener that takes fifty, and what becomes of them.
+class ListenerHosts : public testing::Test {
+ protected:
+  ListenerHosts() {
+    listener_.start([this](int fd) {
+      const std::lock_guard lock(mutex_);
+      taken_.push_back(fd);
+    });
+  }
+  ~ListenerHosts() override {
+    listener_.stop();
+    for (int fd : clients_) close(fd);
+    for (int fd : taken_) close(fd);
+  }
+  /// How many of `count` from 127.0.0.N are taken.
+  std::size_t taken_of(std::size_t count, std::uint32_t number) {
+    const auto decided = [this] {
+      const std::lock_guard lock(mutex_);
+      return taken_.size() + listener_.refused();
+    };
+    const std::uint64_t refused = listener_.refused(), target = decided() + count;
+    for (std::size_t i = 0; i < count; ++i) clients_.push_back(connected_to(listener_.port(), number));
+    for (int i = 0; i < 20'000 && decided() < target; ++i) usleep(1000);
+    EXPECT_EQ(decided(), target);
+    return count - (listener_.refused() - refused);
+  }
+  /// As gRPC does when clients have gone.
+  void close_taken() {
+    const std::lock_guard lock(mutex_);
+    for (int fd : taken_) close(fd);
+    taken_.clear();
+    usleep(30'000);  // the listener looks 50 times a second at most
+  }
+
+  Listener listener_{Listener::Options{"127.0.0.1:0", 50}};
+  std::vector<int> clients_;
+  std::mutex mutex_;
+  std::vector<int> taken_;  // under mutex_
+};
+
+TEST_F(ListenerHosts, OneTakesFourFifthsAndTheNextFourFifthsOfTheRest) {
+  EXPECT_EQ(taken_of(100, 1), 41u);
+  EXPECT_EQ(taken_of(10, 2), 8u);
+  EXPECT_EQ(taken_of(1, 3), 1u);
+  EXPECT_EQ(taken_of(1, 1), 0u) << "still too many";
+  EXPECT_EQ(listener_.open_count(), 50u);
+  EXPECT_EQ(taken_of(1, 4), 0u) << "all are taken";
+}
+
+TEST_F(ListenerHosts, OnesThatAreClosedAreNoLongerCounted) {
+  EXPECT_EQ(taken_of(60, 1), 41u);
+  close_taken();
+  EXPECT_EQ(listener_.open_count(), 0u);
+  EXPECT_EQ(taken_of(60, 2), 41u) << "their descriptors are taken again";
+  close_taken();
+  EXPECT_EQ(taken_of(60, 1), 41u);
+}
+
+TEST_F(ListenerHosts, TheShareIsThatOfTheLimitOfTheMoment) {
+  listener_.set_limit(5);
+  EXPECT_EQ(taken_of(10, 1), 5u) << "so few that none is kept";
+  listener_.set_limit(20);
+  EXPECT_EQ(taken_of(20, 1), 12u);
+}
+
+/// A listener whose thread or socket fails.
+class ListenerTrouble : public testing::Test {
+ protected:
+  ListenerTrouble() {
+    listener_.start([this](int fd) {
+      close(fd);
+      std::unique_lock lock(mutex_);
+      ++taken_;
+      changed_.notify_all();
+      changed_.wait(lock, [this] { return !hangs_; });
+    });
+  }
+  ~ListenerTrouble() override {
+    hang(false);
+    listener_.stop();
+  }
+  void hang(bool hangs) {
+    const std::lock_guard lock(mutex_);
+    hangs_ = hangs;
+    changed_.notify_all();
+  }
+  /// Waits until the listener has taken one more.
+  void connect_one() {
+    std::unique_lock lock(mutex_);
+    const int before = taken_;
+    const int client = connected_to(listener_.port());
+    EXPECT_TRUE(changed_.wait_for(lock, std::chrono::seconds(20), [&] { return taken_ > before; })) << "not accepted";
+    close(client);
+  }
+  std::string trouble_in_time() {
+    std::string why;
+    for (int i = 0; i < 20'000 && why.empty(); ++i) {
+      usleep(1000);
+      why = listener_.trouble();
+    }
+    return why;
+  }
+
+  Listener listener_{Listener::Options{"127.0.0.1:0", 10}};
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  // under mutex_
+  int taken_ = 0;
+  bool hangs_ = false;
+};
+
+TEST_F(ListenerTrouble, ThereIsNoneWhileConnectionsAreAccepted) {
+  auto now = std::chrono::steady_clock::now();
+  for (int i = 0; i < 50; ++i) {
+    connect_one();
+    EXPECT_EQ(listener_.trouble(now += std::chrono::seconds(1)), "");
+  }
+}
+
+TEST_F(ListenerTrouble, AThreadThatHangsIsNoticedInTheTimeOfWhoeverAsks) {
+  auto now = std::chrono::steady_clock::now();
+  hang(true);
+  connect_one();
+  EXPECT_EQ(listener_.trouble(now), "");
+  EXPECT_EQ(listener_.trouble(now += std::chrono::hours(1)), "") << "whoever asks was stopped, too";
+  for (int i = 0; i < 9; ++i) EXPECT_EQ(listener_.trouble(now += std::chrono::seconds(1)), "") << i;
+  EXPECT_EQ(listener_.trouble(now += std::chrono::seconds(1)), "the thread that accepts connections has not come round for 11 s");
+  hang(false);
+  connect_one();
+  EXPECT_EQ(listener_.trouble(now += std::chrono::seconds(1)), "") << "it has come round again";
+}
+
+TEST_F(ListenerTrouble, ASocketThatIsShutDownIsNoticed) {
+  connect_one();
+  ASSERT_EQ(shutdown(listening_at(listener_.port()), SHUT_RDWR), 0);
+  EXPECT_EQ(trouble_in_time(), "nothing can be accepted from a socket that is listened on: Invalid argument");
+}
+
+TEST_F(ListenerTrouble, ADescriptorThatMeansSomethingElseIsNoticed) {
+  connect_one();
+  const int nothing = open("/dev/null", O_RDONLY);
+  ASSERT_GE(dup2(nothing, listening_at(listener_.port())), 0);
+  close(nothing);
+  EXPECT_EQ(trouble_in_time(), "nothing can be accepted from a socket that is listened on: Socket operation on non-socket");
+}
+
+TEST_F(ListenerTrouble, AClosedDescriptorIsNoticed) {
+  connect_one();
+  const int listening = listening_at(listener_.port());
+  ASSERT_EQ(close(listening), 0);
+  EXPECT_EQ(trouble_in_time(), "nothing can be accepted from a socket that is listened on: Bad file descriptor");
+  const int nothing = open("/dev/null", O_RDONLY);  // which the listener closes
+  if (nothing != listening) dup2(nothing, listening), close(nothing);
 }
 
 }  // namespace

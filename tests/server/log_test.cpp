@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <chrono>
 #include <fstream>
 #include <iterator>
 #include <regex>
@@ -57,6 +58,15 @@ TEST(Log, WhoCalledAndWhoWasNotLetIn) {
             "method=DeleteGeometry client=ipv4:10.0.0.7:4242 identity=alice status=permission_denied message=\"no\"");
   record.identity = "spiffe://x y\"=";
   EXPECT_NE(to_line(record).find(" identity=\"spiffe://x y\\\"=\" status"), std::string::npos) << to_line(record);
+}
+
+TEST(Log, HasWhatClientsAreNotTold) {
+  CallRecord record;
+  record.method = "Prepare";
+  record.client = "ipv4:10.0.0.7:4242";
+  record.error = Error(ErrorCode::unavailable, "cannot write /srv/data/tmp/1a").told_as("cannot write tmp/1a");
+  EXPECT_EQ(to_line(record),
+            "method=Prepare client=ipv4:10.0.0.7:4242 status=unavailable message=\"cannot write /srv/data/tmp/1a\"");
 }
 
 TEST(Log, NoRecordActsOnTerminalsOrMakesLines) {
@@ -139,6 +149,31 @@ TEST(Log, LinesOfCallsHaveABudgetForEachSecond) {
   EXPECT_EQ(at(1001).left_out, 0u) << "told once";
   LineBudget any(0);
   for (int k = 0; k < 10'000; ++k) ASSERT_TRUE(any.next(start).logged);
+}
+
+TEST(Log, LinesOfALibraryHaveABudgetOfTheirOwn) {
+  const auto before = spdlog::default_logger();
+  const std::filesystem::path file = std::filesystem::temp_directory_path() / ("deform-library-" + std::to_string(getpid()));
+  constexpr std::uint32_t most = 3;
+  start_logging({spdlog::level::info, file, LogFormat::text, most});
+  const auto start = std::chrono::steady_clock::now();
+  for (int i = 0; i < 1000; ++i) log_library(spdlog::level::debug, "takes no room");
+  for (int i = 0; i < 1000; ++i) log_library(spdlog::level::warn, "handshake failed");
+  const auto seconds = std::chrono::duration_cast<std::chrono::seconds>(std::chrono::steady_clock::now() - start).count();
+  CallRecord record;
+  record.method = "Deform";
+  log_call(record);
+  spdlog::set_default_logger(before);
+  std::ifstream in(file);
+  const std::string text{std::istreambuf_iterator<char>(in), {}};
+  std::filesystem::remove(file);
+  std::size_t lines = 0;
+  const std::string line = "grpc: handshake failed";
+  for (auto at = text.find(line); at != std::string::npos; at = text.find(line, at + 1)) ++lines;
+  EXPECT_GE(lines, most);
+  EXPECT_LE(lines, most * (static_cast<std::size_t>(seconds) + 2));
+  EXPECT_EQ(text.find("takes no room"), std::string::npos);
+  EXPECT_NE(text.find("method=Deform"), std::string::npos) << "calls have room of their own";
 }
 
 TEST(Log, LongTextIsCut) {

@@ -40,6 +40,7 @@ TEST(MemoryBudget, what_never_fits_is_refused_without_a_hint) {
   } catch (const Error& error) {
     EXPECT_EQ(error.code(), ErrorCode::out_of_budget);
     EXPECT_EQ(error.retry_after_ms(), 0u);
+    EXPECT_EQ(error.refusal(), Refusal::memory);
     const std::string text = error.what();
     EXPECT_NE(text.find("200.0 MiB"), std::string::npos) << text;
     EXPECT_NE(text.find("100.0 MiB"), std::string::npos) << text;
@@ -56,6 +57,7 @@ TEST(MemoryBudget, what_would_fit_later_is_refused_with_a_hint) {
   } catch (const Error& error) {
     EXPECT_EQ(error.code(), ErrorCode::out_of_budget);
     EXPECT_GT(error.retry_after_ms(), 0u);
+    EXPECT_EQ(error.refusal(), Refusal::memory);
   }
   EXPECT_EQ(budget.in_use(), 60u);
 }
@@ -70,6 +72,7 @@ TEST(MemoryBudget, what_is_held_alongside_counts) {
     FAIL();
   } catch (const Error& error) {
     EXPECT_EQ(error.retry_after_ms(), 0u);
+    EXPECT_EQ(error.refusal(), Refusal::memory);
   }
 }
 
@@ -108,6 +111,7 @@ TEST(MemoryBudget, large_calls_hold_half_of_it_and_small_ones_the_rest) {
   } catch (const Error& error) {
     EXPECT_EQ(error.code(), ErrorCode::out_of_budget);
     EXPECT_GT(error.retry_after_ms(), 0u);
+    EXPECT_EQ(error.refusal(), Refusal::memory);
     EXPECT_NE(std::string(error.what()).find("half of the memory budget"), std::string::npos) << error.what();
   }
   EXPECT_EQ(budget.in_use(), 500u) << "what was refused is given back";

@@ -44,6 +44,41 @@ TEST(Metrics, CallsThatWereNotLetInHaveTheStatusOfTheirRefusal) {
   EXPECT_THAT(metrics.text({}), HasSubstr("deformd_calls_total{method=\"DeleteGeometry\",status=\"permission_denied\"} 1\n"));
 }
 
+TEST(Metrics, RefusalsAreCountedByReasonForCallsAndRequestsOfStreams) {
+  Metrics metrics;
+  EXPECT_THAT(metrics.text({}), HasSubstr("deformd_refusals_total{reason=\"draining\"} 0\n")) << "the first one is an increase";
+  CallRecord refused = call("Deform", 1);
+  for (const Refusal reason : {Refusal::queue, Refusal::queue, Refusal::rate, Refusal::none}) {
+    refused.error = Error(ErrorCode::out_of_budget, "no").refused_for(reason);
+    metrics.call_begins();
+    metrics.call_ends(refused);
+  }
+  refused.error = Error(ErrorCode::out_of_budget, "no").refused_for(Refusal::held);
+  metrics.request_ends(refused);
+  Metrics::Levels levels;
+  levels.refused_connections = 5;
+  levels.open_connections = 6;
+  const std::string text = metrics.text(levels);
+  EXPECT_THAT(text, HasSubstr("deformd_refusals_total{reason=\"queue\"} 2\n"));
+  EXPECT_THAT(text, HasSubstr("deformd_refusals_total{reason=\"rate\"} 1\n"));
+  EXPECT_THAT(text, HasSubstr("deformd_refusals_total{reason=\"held\"} 1\n"));
+  EXPECT_THAT(text, HasSubstr("deformd_refusals_total{reason=\"memory\"} 0\n"));
+  EXPECT_THAT(text, HasSubstr("deformd_refusals_total{reason=\"connections\"} 5\n"));
+  EXPECT_THAT(text, HasSubstr("deformd_connections_open 6\n"));
+  EXPECT_THAT(text, Not(HasSubstr("reason=\"none\"")));
+}
+
+TEST(Metrics, TimesOfTheDiskAreAHistogram) {
+  Metrics::Levels levels;
+  for (const double seconds : {0.0004, 0.001, 0.02, 0.3, 60.0}) levels.syncs.add(seconds);
+  const std::string text = Metrics().text(levels);
+  for (const char* line : {"bucket{le=\"0.001\"} 2", "bucket{le=\"0.0025\"} 2", "bucket{le=\"0.025\"} 3", "bucket{le=\"0.5\"} 4",
+                           "bucket{le=\"10\"} 4", "bucket{le=\"+Inf\"} 5", "count 5"}) {
+    EXPECT_THAT(text, HasSubstr(std::string("deformd_store_sync_seconds_") + line + "\n"));
+  }
+  EXPECT_THAT(text, HasSubstr("deformd_store_sync_seconds_sum 60.3214"));
+}
+
 TEST(Metrics, HistogramsCountInSecondsUpToEachBound) {
   Metrics metrics;
   for (const double wall_ms : {0.4, 0.5, 30.0, 700.0}) {

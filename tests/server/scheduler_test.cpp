@@ -35,6 +35,7 @@ TEST(Scheduler, a_full_queue_refuses_with_a_hint_and_recovers) {
   } catch (const Error& error) {
     EXPECT_EQ(error.code(), ErrorCode::out_of_budget);
     EXPECT_GT(error.retry_after_ms(), 0u);
+    EXPECT_EQ(error.refusal(), Refusal::queue);
     EXPECT_NE(std::string(error.what()).find("limit is 3"), std::string::npos);
   }
   places.pop_back();
@@ -55,6 +56,7 @@ TEST(Scheduler, clients_that_take_all_leave_places_for_others) {
       } catch (const Error& error) {
         EXPECT_EQ(error.code(), ErrorCode::out_of_budget);
         EXPECT_GT(error.retry_after_ms(), 0u);
+        EXPECT_EQ(error.refusal(), Refusal::queue);
         EXPECT_NE(std::string(error.what()).find("kept for others"), std::string::npos) << error.what();
         return false;
       }

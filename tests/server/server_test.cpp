@@ -4,9 +4,12 @@
 
 #include <grpcpp/generic/generic_stub.h>
 
+#include <mutex>
 #include <thread>
+#include <vector>
 
 #include "tests/server/service_fixture.h"
+#include "tests/server/sockets.h"
 
 namespace deform::server {
 namespace {
@@ -268,6 +271,55 @@ TEST(Server, TwoServersDoNotShareAPort) {
     EXPECT_EQ(error.code(), ErrorCode::unavailable);
     EXPECT_NE(std::string(error.what()).find(first->address()), std::string::npos);
   }
+}
+
+/// What the operations port answers.
+std::string answer_of(int port, const std::string& path) {
+  const int fd = connected_to(port);
+  const std::string request = "GET " + path + " HTTP/1.1\r\nHost: a\r\nConnection: close\r\n\r\n";
+  EXPECT_EQ(send(fd, request.data(), request.size(), MSG_NOSIGNAL), static_cast<ssize_t>(request.size()));
+  std::string answer;
+  char bytes[4096];
+  for (ssize_t got = 0; (got = recv(fd, bytes, sizeof(bytes), 0)) > 0;) answer.append(bytes, static_cast<std::size_t>(got));
+  close(fd);
+  return answer;
+}
+
+int free_port() {
+  const int fd = socket(AF_INET, SOCK_STREAM, 0);
+  sockaddr_in address = loopback(0);
+  socklen_t size = sizeof(address);
+  EXPECT_EQ(bind(fd, reinterpret_cast<const sockaddr*>(&address), size), 0);
+  EXPECT_EQ(getsockname(fd, reinterpret_cast<sockaddr*>(&address), &size), 0);
+  close(fd);
+  return ntohs(address.sin_port);
+}
+
+TEST(Server, WhoeverStartedItIsToldThatItAcceptsNoMore) {
+  ServerOptions options = at("127.0.0.1:0");
+  const int operations = free_port();
+  options.metrics_address = "127.0.0.1:" + std::to_string(operations);
+  std::mutex mutex;
+  std::vector<std::string> told;
+  options.on_failure = [&](const std::string& why) {
+    const std::lock_guard lock(mutex);
+    told.push_back(why);
+  };
+  const auto server = start_server(options, std::make_unique<support::FakeEngine>());
+  const auto ready = [&] { return answer_of(operations, "/readyz"); };
+  EXPECT_NE(ready().find("[+] accepting\n"), std::string::npos) << ready();
+  ASSERT_EQ(shutdown(listening_at(server->port()), SHUT_RDWR), 0);
+  EXPECT_TRUE(eventually([&] {
+    const std::lock_guard lock(mutex);
+    return !told.empty();
+  }));
+  EXPECT_NE(ready().find("503"), std::string::npos) << ready();
+  EXPECT_NE(ready().find("[-] accepting: nothing can be accepted from a socket that is listened on"), std::string::npos)
+      << ready();
+  std::this_thread::sleep_for(milliseconds(200));
+  const std::lock_guard lock(mutex);
+  EXPECT_EQ(told, std::vector<std::string>{"no more connections are accepted: nothing can be accepted from a socket that is "
+                                           "listened on: Invalid argument"});
 }
 
 TEST(Server, ListensOnAUnixSocket) {

@@ -1,10 +1,13 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Every RPC on the real engine through the real service: the life of a geometry, and what bad input is told.
 #include <cstring>
+#include <filesystem>
+#include <fstream>
 #include <map>
 
 #include "core/compiled/deformation.h"
 #include "core/compiled/reader.h"
+#include "server/store/geometry_file.h"
 #include "tests/server/ended_with.h"
 #include "tests/server/service_fixture.h"
 #include "tests/server/test_mesh.h"
@@ -93,6 +96,40 @@ class ServiceEngine : public testing::TestWithParam<support::Transport> {
   v1::GeometryInfo geometry;
   v1::SystemInfo system;
 };
+
+/// Folders where files should be, and files where folders should be: every access fails.
+TEST_P(ServiceEngine, NoErrorOfTheDiskTellsWhereTheServerKeepsItsFiles) {
+  namespace fs = std::filesystem;
+  prepare_sheet();
+  const fs::path data = server.options().engine.data_dir;
+  const auto expect_told = [&](const grpc::Status& status, const std::string& what) {
+    EXPECT_FALSE(status.ok());
+    EXPECT_NE(status.error_message().find(what), std::string::npos) << status.error_message();
+    EXPECT_EQ(status.error_message().find(data.string()), std::string::npos) << status.error_message();
+  };
+  const auto bounded = [&](double upper) {
+    v1::Setup setup = sheet_setup(geometry.id());
+    setup.mutable_variables(0)->set_upper(upper);
+    return setup;
+  };
+  server.restart();
+  stub = v1::DeformService::NewStub(server.channel());
+  const fs::path content = data / "geometries" / geometry.id();
+  fs::rename(content, data / "unclaimed" / "kept");
+  fs::create_directory(content);
+  grpc::Status status;
+  deform(request({0.1, 0}), status);
+  expect_told(status, "store: cannot read geometries/" + geometry.id());
+  expect_told(prepare(bounded(0.4)), "store: cannot read geometries/" + geometry.id());
+  fs::remove(content);
+  fs::rename(data / "unclaimed" / "kept", content);
+
+  fs::rename(data / "tmp", data / "unclaimed" / "tmp");
+  std::ofstream(data / "tmp") << "a file";
+  const Mesh other = sheet_mesh(7, 6);
+  expect_told(upload(header_of(other), upload_messages(other)), "store: cannot open tmp/" + mesh_id(other));
+  expect_told(prepare(bounded(0.3)), "store: cannot open tmp/");
+}
 
 TEST_P(ServiceEngine, TheLifeOfAGeometry) {
   register_sheet();
@@ -444,6 +481,11 @@ TEST_P(ServiceEngine, EverythingIsThereAfterARestart) {
   grpc::Status status;
   const Points before = deform(request({0.2, 0.1}), status);
   stub.reset();
+  const auto bounded = [&](double upper) {
+    v1::Setup setup = sheet_setup(geometry.id());
+    setup.mutable_variables(0)->set_upper(upper);
+    return setup;
+  };
   server.restart();
   stub = v1::DeformService::NewStub(server.channel());
   EXPECT_EQ(deform(request({0.2, 0.1}), status), before);

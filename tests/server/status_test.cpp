@@ -34,6 +34,14 @@ TEST(Status, EveryErrorHasItsStatus) {
   }
 }
 
+TEST(Status, ClientsAreToldWhatIsMeantForThem) {
+  const Error error = Error(ErrorCode::unavailable, "cannot read /srv/data/a", 7).told_as("cannot read a");
+  EXPECT_STREQ(error.what(), "cannot read /srv/data/a");
+  EXPECT_EQ(to_status(error).error_message(), "cannot read a");
+  EXPECT_EQ(convert::error_to_proto(error).message(), "cannot read a");
+  EXPECT_EQ(convert::error_to_proto(error).retry_after_ms(), 7u);
+}
+
 TEST(Status, LongMessagesAreCut) {
   const grpc::Status status = to_status(Error(ErrorCode::internal, std::string(100'000, 'x')));
   EXPECT_EQ(status.error_message().size(), convert::max_error_message);

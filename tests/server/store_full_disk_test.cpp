@@ -40,6 +40,11 @@ TEST_F(FullDisk, it_starts_lists_loads_deletes_and_registers_again_once_there_is
   EXPECT_EQ(store.state().needed_bytes(), 1u << 20);
   EXPECT_EQ(code_of([&] { store.put(sheet_mesh(6, 6), own(mesh_id(sheet_mesh(6, 6))), "c.obj"); }), ErrorCode::out_of_budget);
   EXPECT_EQ(code_of([&] { store.put_setup(setup_record(mesh_id(mesh), -0.2)); }), ErrorCode::out_of_budget);
+  try {
+    store.put_setup(setup_record(mesh_id(mesh), -0.2));
+  } catch (const Error& error) {
+    EXPECT_EQ(error.refusal(), Refusal::disk);
+  }
   EXPECT_NO_THROW(store.put_setup(setup_record(mesh_id(mesh), -0.1))) << "is there already";
   EXPECT_TRUE(store.put(mesh, own(mesh_id(mesh)), "").existed());
   store.remove(own(mesh_id(mesh)), WithSetups::remove);

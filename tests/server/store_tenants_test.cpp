@@ -195,6 +195,7 @@ class StoreQuotas : public StoreOfTenants {
     } catch (const Error& error) {
       EXPECT_EQ(error.code(), ErrorCode::out_of_budget);
       EXPECT_EQ(error.retry_after_ms(), 0u) << "waiting does not help";
+      EXPECT_EQ(error.refusal(), Refusal::quota);
       return error.what();
     }
     return "";

@@ -366,6 +366,7 @@ TEST_F(Tenants, CallsBeyondTheQuotaAreRefusedWithAHintAndOthersAreNot) {
   } catch (const Error& error) {
     EXPECT_EQ(error.code(), ErrorCode::out_of_budget);
     EXPECT_GT(error.retry_after_ms(), 0u);
+    EXPECT_EQ(error.refusal(), Refusal::quota);
     EXPECT_THAT(error.what(), testing::HasSubstr("quota calls of tenant \"acme\": 2 wait or run, the limit is 2"));
   }
   v1::EstimateRequest request;

@@ -170,7 +170,7 @@ void LargePrepareCall::half_closed() {
   }
   const auto self = std::static_pointer_cast<LargePrepareCall>(shared_from_this());
   if (pool_.try_post([self] { self->wake(); })) return;
-  throw Error(ErrorCode::out_of_budget, "too many calls are waiting, try again later", busy_retry_ms);
+  throw Error(ErrorCode::out_of_budget, "too many calls are waiting, try again later", busy_retry_ms).refused_for(Refusal::queue);
 }
 
 void LargePrepareCall::ask() {

@@ -64,11 +64,13 @@ StreamRequests::RequestPtr StreamRequests::open(std::uint64_t id) {
     refuse(*request, Error(ErrorCode::out_of_budget,
                            "request " + std::to_string(id) + ": " + std::to_string(open_.size()) +
                                " requests are open on this stream, the limit is " + std::to_string(limits_.open_requests),
-                           full_retry_ms));
+                           full_retry_ms)
+                         .refused_for(Refusal::queue));
   }
   // Broken requests are remembered until their last message; an honest client has few.
   if (open_.size() >= 2 * limits_.open_requests) {
-    throw Error(ErrorCode::out_of_budget, "too many refused requests are still being sent on this stream");
+    throw Error(ErrorCode::out_of_budget, "too many refused requests are still being sent on this stream")
+        .refused_for(Refusal::queue);
   }
   open_.emplace(id, request);
   return request;
@@ -112,7 +114,8 @@ void StreamRequests::append(Request& request, v1::DeformStreamRequest&& message,
       // Nothing that holds bytes would end by itself: pausing would wait for ever.
       throw Error(ErrorCode::out_of_budget, "request " + std::to_string(request.id) +
                                                 ": the requests being sent on this stream " + "take more than " +
-                                                std::to_string(limits_.buffered_bytes) + " bytes");
+                                                std::to_string(limits_.buffered_bytes) + " bytes")
+          .refused_for(Refusal::held);
     }
     bytes_ += bytes;
     request.bytes += bytes;

@@ -198,7 +198,7 @@ DeformStreamCall::Next DeformStreamCall::next(grpc::ByteBuffer& reply) {
       } else if (reading_ == Reading::closed) {
         return Next::end;
       } else if (draining_) {
-        throw Error(ErrorCode::unavailable, "the server is shutting down");
+        throw Error(ErrorCode::unavailable, "the server is shutting down").refused_for(Refusal::draining);
       } else {
         return Next::wait;
       }
