@@ -38,6 +38,7 @@ struct EngineOptions {
   std::size_t max_groups = 10'000;
   std::size_t max_designs = 10'000;
   std::size_t max_handles = 10'000;
+  std::size_t max_setup_work = 10'000'000'000;  ///< regions of a setup times points of its geometry, see selection_work.h
   std::size_t block_points = 1u << 15;          ///< per block on the wire; 256..40000, so that a raw block stays below 1 MiB
 
   /// Throws Error(invalid_argument) naming the option and its limits.

@@ -580,6 +580,7 @@ v1::ServerInfo EngineImpl::info() {
   limits.set_max_groups(options_.max_groups);
   limits.set_max_designs(options_.max_designs);
   limits.set_max_handles(options_.max_handles);
+  limits.set_max_setup_work(options_.max_setup_work);
   return info;
 }
 

@@ -64,6 +64,7 @@ SelectionWork SystemFactory::selection(const v1::Setup& setup, const std::string
   if (setup.geometry().empty()) return {};  // which is refused
   const OwnedId geometry = parts_.store.resolve_geometry(tenant, setup.geometry());
   const SelectionWork work = selection_work(setup, parts_.store.info(geometry).points());
+  work.check(parts_.options.max_setup_work);
   return work;
 }
 

@@ -238,6 +238,21 @@ class LongWork(Attack):
             call.cancel()
         until_answered(lambda: modest.Estimate(deformation_pb2.EstimateRequest(setup=self.of_spheres(large.id, 100)), timeout=10))
 
+    def test_more_regions_than_can_be_looked_at(self):
+        """4 MB of spheres, to be looked for among 200,000 points: 60,000 times 200,000 is beyond --max-setup-work."""
+        large = register_large(self.stub())
+        setup = self.of_spheres(large.id, 60_000).SerializeToString()
+
+        def attack(i):
+            stub = self.stub()
+            if i % 2 == 0:
+                return self.refused(lambda: stub.EstimateLarge(
+                    (deformation_pb2.EstimateLargeRequest.FromString(piece.SerializeToString()) for piece in pieces_of(setup)), timeout=20))
+            return self.refused(lambda: list(stub.PrepareLarge(pieces_of(setup), timeout=20)))
+
+        self.assertLessEqual(set(in_threads(8, attack)), {grpc.StatusCode.INVALID_ARGUMENT, grpc.StatusCode.RESOURCE_EXHAUSTED})
+        self.assertEqual({attack(0), attack(1)}, {grpc.StatusCode.INVALID_ARGUMENT})
+
 
 def pieces_of(setup, count=None):
     """The messages of a setup; only so many of them."""

@@ -90,6 +90,29 @@ TEST(SelectionWork, CountsRegionsWhereverTheyAre) {
   EXPECT_NEAR((SelectionWork{9000, 200'000}.seconds()), 7, 1) << "what it was measured to take";
 }
 
+TEST_F(EngineRegions, WhatASetupSelectsIsLimitedBeforeItIsSelected) {
+  const auto info = register_mesh(sheet_mesh(30, 10));
+  const v1::Setup small = sheet_setup(info.id());
+  options.max_setup_work = 300 * selection_work(small, 300).regions;
+  reopen();
+  EXPECT_EQ(engine->info().limits().max_setup_work(), options.max_setup_work);
+  estimate(small, false);
+  v1::Setup large = small;
+  v1::Box& nothing = *large.add_fixed()->mutable_box();  // which is refused when it is looked at
+  for (int k = 0; k < 3; ++k) nothing.add_min(5);
+  for (int k = 0; k < 3; ++k) nothing.add_max(6);
+  const std::string limit = "limit of " + std::to_string(options.max_setup_work);
+  for (const bool list_problems : {false, true}) {
+    v1::EstimateRequest request;
+    *request.mutable_setup() = large;
+    request.set_list_problems(list_problems);
+    test::expect_error(ErrorCode::invalid_argument, {"300 points", limit.c_str(), "--max-setup-work"},
+                       [&] { EngineFixture::estimate(request); });
+  }
+  test::expect_error(ErrorCode::invalid_argument, {"300 points", limit.c_str(), "--max-setup-work"}, [&] { prepare(large); });
+  prepare(small);
+}
+
 // Counted as 3 s of selecting: a preparation and an estimate that wait among those that take long, while short ones go on.
 TEST_F(EngineRegions, WhatTakesLongToSelectWaitsAmongWhatTakesLong) {
   options.workers = 1;
