@@ -175,6 +175,9 @@ void add_engine_options(std::vector<Option>& all) {
   all.push_back(number(
       "max-handles", "handles of a setup", [](Configuration & c) -> auto& { return c.server.engine.max_handles; }));
   all.push_back(number(
+      "max-setup-work", "regions of a setup times points of its geometry",
+      [](Configuration & c) -> auto& { return c.server.engine.max_setup_work; }));
+  all.push_back(number(
       "block-points", "points per block on the wire, 256 to 40000",
       [](Configuration & c) -> auto& { return c.server.engine.block_points; }));
 }

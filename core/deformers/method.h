@@ -25,7 +25,8 @@ struct MethodFeatures {
 ///  - validate: throws Error(invalid_argument) naming the field for options that are out of range. Handles and design variables
 ///    have been checked before.
 ///  - known_centres: the points that become centres of an RBF, ascending, unless the preparation chooses them.
-///  - estimate, prepare: see estimate() and prepare() of system.h; the regions are those of validate().
+///  - estimate, prepare: see estimate() and prepare() of system.h; the regions are those of validate(). The context may stop
+///  them.
 template <typename M>
 concept Method = requires(const typename M::Options& options, typename M::Options& changed, const Setup& setup, const Mesh& mesh,
                           const SelectedRegions& regions, const std::shared_ptr<const Mesh>& shared, const RunContext& context,
@@ -34,8 +35,8 @@ concept Method = requires(const typename M::Options& options, typename M::Option
   { M::features } -> std::convertible_to<MethodFeatures>;
   { changed.basis } -> std::same_as<BasisMode&>;
   { M::validate(options, setup, mesh) } -> std::same_as<void>;
-  { M::known_centres(options, mesh, regions) } -> std::same_as<std::optional<std::vector<PointId>>>;
-  { M::estimate(options, mesh, setup, regions) } -> std::same_as<Estimate>;
+  { M::known_centres(options, mesh, regions, context) } -> std::same_as<std::optional<std::vector<PointId>>>;
+  { M::estimate(options, mesh, setup, regions, context) } -> std::same_as<Estimate>;
   { M::prepare(options, shared, setup, context, memory_budget) } -> std::same_as<std::shared_ptr<const System>>;
 };
 

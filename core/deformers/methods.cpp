@@ -109,11 +109,15 @@ std::vector<Vec3> control_places(const Setup& setup, const Mesh& mesh, const Sym
 }
 
 std::optional<std::vector<PointId>> known_centres(const Mesh& mesh, const Setup& setup) {
+  return known_centres(mesh, setup, validate(setup, mesh));
+}
+
+std::optional<std::vector<PointId>> known_centres(const Mesh& mesh, const Setup& setup, const SelectedRegions& regions,
+                                                  const RunContext& context) {
   if (is_composed(setup)) {
-    validate(setup, mesh);
     std::optional<std::vector<PointId>> all;
     for (std::size_t s = 0; s <= setup.then.size(); ++s) {
-      const auto own = known_centres(mesh, stage_setup(setup, s).setup);
+      const auto own = known_centres(mesh, stage_setup(setup, s).setup, regions.stages[s], context);
       if (!own) continue;
       std::vector<PointId> sum;
       if (all) std::set_union(all->begin(), all->end(), own->begin(), own->end(), std::back_inserter(sum));
@@ -121,9 +125,8 @@ std::optional<std::vector<PointId>> known_centres(const Mesh& mesh, const Setup&
     }
     return all;
   }
-  const SelectedRegions regions = validate(setup, mesh);
-  return with_method(setup,
-                     [&]<Method M>(const typename M::Options& options) { return M::known_centres(options, mesh, regions); });
+  return with_method(
+      setup, [&]<Method M>(const typename M::Options& options) { return M::known_centres(options, mesh, regions, context); });
 }
 
 }  // namespace deform

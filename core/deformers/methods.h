@@ -61,5 +61,8 @@ bool keeps_symmetry(const Setup& setup);
 /// The points that become centres of an RBF system, ascending. std::nullopt for other methods, and if the preparation chooses
 /// them (INCREMENTAL_QR). Of a composed setup those of its methods that know them. Throws what validate() throws.
 std::optional<std::vector<PointId>> known_centres(const Mesh& mesh, const Setup& setup);
+/// The same with the regions that validate() has selected for this mesh and setup.
+std::optional<std::vector<PointId>> known_centres(const Mesh& mesh, const Setup& setup, const SelectedRegions& regions,
+                                                  const RunContext& context = {});
 
 }  // namespace deform

@@ -526,14 +526,16 @@ std::vector<std::vector<double>> MirroredSystem::vector_jacobians(std::span<cons
   return whole_->vector_jacobians(variables, of_images, context);
 }
 
-Estimate estimate_mirrored(const Mesh& mesh, const Setup& setup, const SelectedRegions& regions) {
+Estimate estimate_mirrored(const Mesh& mesh, const Setup& setup, const SelectedRegions& regions, const RunContext& context) {
   const auto images = std::make_shared<const MirroredMesh>(mesh, regions.symmetry);
   const MirroredMesh& mirrored = *images;
   const MirroredConstraints constraints(setup, mesh, regions, mirrored);
+  RunContext unclaimed = context;  // what its regions select was claimed for the model
+  unclaimed.on_claim = nullptr;
   Estimate expected = about_images(mesh.point_count(), [&] {
     Setup whole = whole_setup(setup, mesh, regions, mirrored, constraints);
     whole.images = images;
-    return estimate(*mirrored.mesh(), whole);
+    return estimate(*mirrored.mesh(), whole, unclaimed);
   });
   expected.constraint_points = regions.fixed.size();
   for (const auto& handle : regions.handles) expected.constraint_points += handle.size();

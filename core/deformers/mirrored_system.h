@@ -77,6 +77,6 @@ class MirroredSystem : public System {
 /// Whether a setup has symmetry planes that its method leaves to MirroredSystem.
 bool is_mirrored(const Setup& setup);
 /// Estimates the cost of a MirroredSystem. The regions are those of validate().
-Estimate estimate_mirrored(const Mesh& mesh, const Setup& setup, const SelectedRegions& regions);
+Estimate estimate_mirrored(const Mesh& mesh, const Setup& setup, const SelectedRegions& regions, const RunContext& context);
 
 }  // namespace deform

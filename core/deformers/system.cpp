@@ -68,14 +68,14 @@ std::vector<Points> System::evaluate(std::span<const Design> designs, Evaluation
 }
 
 Estimate estimate(const Mesh& mesh, const Setup& setup, const RunContext& context) {
-  return estimate(mesh, setup, validate(setup, mesh, context));
+  return estimate(mesh, setup, validate(setup, mesh, context), context);
 }
 
-Estimate estimate(const Mesh& mesh, const Setup& setup, const SelectedRegions& regions) {
-  if (is_composed(setup)) return estimate_composed(mesh, setup, regions);
-  if (is_mirrored(setup)) return estimate_mirrored(mesh, setup, regions);
+Estimate estimate(const Mesh& mesh, const Setup& setup, const SelectedRegions& regions, const RunContext& context) {
+  if (is_composed(setup)) return estimate_composed(mesh, setup, regions, context);
+  if (is_mirrored(setup)) return estimate_mirrored(mesh, setup, regions, context);
   Estimate expected = with_method(
-      setup, [&]<Method M>(const typename M::Options& options) { return M::estimate(options, mesh, setup, regions); });
+      setup, [&]<Method M>(const typename M::Options& options) { return M::estimate(options, mesh, setup, regions, context); });
   expected.peak_bytes += std::min(expected.peak_bytes / 8, most_overhead);
   return expected;
 }
@@ -107,7 +107,7 @@ void find_problems(const Mesh& mesh, const Setup& setup, Problems& problems, con
     check_constraint_sets(mesh, setup, regions, {box.min, std::max(box.diagonal(), std::numeric_limits<double>::min())},
                           problems);
   }
-  if (problems.empty()) problems.check("", [&] { estimate(mesh, setup, regions); });
+  if (problems.empty()) problems.check("", [&] { estimate(mesh, setup, regions, context); });
 }
 
 std::shared_ptr<const System> prepare(std::shared_ptr<const Mesh> mesh, const Setup& setup, const RunContext& context,

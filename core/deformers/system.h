@@ -263,8 +263,9 @@ struct Estimate {
 /// Estimates the cost of a system by its method. Throws the errors of validate().
 Estimate estimate(const Mesh& mesh, const Setup& setup, const RunContext& context = {});
 
-/// The same with the regions that validate() has selected for this mesh and setup.
-Estimate estimate(const Mesh& mesh, const Setup& setup, const SelectedRegions& regions);
+/// The same with the regions that validate() has selected for this mesh and setup. The context may stop it between steps, of
+/// which the longest is the symbolic analysis of a matrix.
+Estimate estimate(const Mesh& mesh, const Setup& setup, const SelectedRegions& regions, const RunContext& context = {});
 
 /// Finds all problems of a setup that can be found without numerical work: those of validate(), constraints that do not fit their
 /// points, variables that lead points of handles out of symmetry planes, and if there are none of these, the errors of

@@ -85,8 +85,10 @@ void add_handles(google::protobuf::RepeatedPtrField<v1::HandleInfo>& to, const S
 }
 
 void add_setup_notes(google::protobuf::RepeatedPtrField<std::string>& to, const Setup& setup, const Mesh& mesh,
-                     const SelectedRegions& regions) {
+                     const SelectedRegions& regions, const RunContext& context) {
+  context.check();
   if (const ModelSize size = model_size(mesh.points); !size.stray.empty()) *to.Add() = "Stray points: " + size.stray + ".";
+  context.check();
   if (std::string note = unheld_bodies_note(mesh, regions); !note.empty()) *to.Add() = std::move(note);
   if (setup.fixed.empty() && !selects_controls(setup)) *to.Add() = "Nothing is fixed, so everything that is no handle may move.";
   for (std::size_t s = 1; s <= setup.then.size(); ++s) {
@@ -97,8 +99,9 @@ void add_setup_notes(google::protobuf::RepeatedPtrField<std::string>& to, const 
 }
 
 void add_setup_hints(google::protobuf::RepeatedPtrField<std::string>& to, const Setup& setup, const Mesh& mesh,
-                     const SelectedRegions& regions) {
-  for (std::string& note : variable_notes(mesh, setup, regions)) *to.Add() = std::move(note);
+                     const SelectedRegions& regions, const RunContext& context) {
+  for (std::string& note : variable_notes(mesh, setup, regions, context)) *to.Add() = std::move(note);
+  context.check();
   if (std::string note = half_model_note(mesh, setup, regions); !note.empty()) *to.Add() = std::move(note);
 }
 

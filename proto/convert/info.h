@@ -18,11 +18,11 @@ void add_handles(google::protobuf::RepeatedPtrField<v1::HandleInfo>& to, const S
 /// Adds the notes on the setup itself and on what its regions, those of validate(), hold of the mesh, which are not in
 /// SystemInfo.
 void add_setup_notes(google::protobuf::RepeatedPtrField<std::string>& to, const Setup& setup, const Mesh& mesh,
-                     const SelectedRegions& regions);
+                     const SelectedRegions& regions, const RunContext& context = {});
 
 /// Adds what the bounds of variables do, and what is seldom meant by a setup on this mesh; see core/deformers/setup_hints.h.
 void add_setup_hints(google::protobuf::RepeatedPtrField<std::string>& to, const Setup& setup, const Mesh& mesh,
-                     const SelectedRegions& regions);
+                     const SelectedRegions& regions, const RunContext& context = {});
 
 v1::EstimateReply estimate_reply(const Estimate& estimate);
 /// The reply for EstimateRequest.list_problems.

@@ -120,6 +120,13 @@ void CallRegistry::watch() {
   }
 }
 
+RunContext context_of(const CallContext& call) {
+  RunContext context;
+  context.stop = call.stop;
+  context.deadline = call.deadline;
+  return context;
+}
+
 double elapsed_ms(RunContext::Clock::time_point from, RunContext::Clock::time_point to) {
   return std::chrono::duration<double, std::milli>(to - from).count();
 }

@@ -84,6 +84,9 @@ class CallRegistry {
   std::thread watcher_;
 };
 
+/// Stop token and deadline of a call, for work on the thread of its caller.
+RunContext context_of(const CallContext& call);
+
 /// Milliseconds between two times.
 double elapsed_ms(RunContext::Clock::time_point from, RunContext::Clock::time_point to = RunContext::Clock::now());
 /// Processor time of this thread, milliseconds.

@@ -39,7 +39,8 @@ struct EngineOptions {
   std::size_t max_groups = 10'000;
   std::size_t max_designs = 10'000;
   std::size_t max_handles = 10'000;
-  std::size_t block_points = 1u << 15;  ///< per block on the wire; 256..40000, so that a raw block stays below 1 MiB
+  std::size_t max_setup_work = 10'000'000'000;  ///< regions of a setup times points of its geometry, see selection_work.h
+  std::size_t block_points = 1u << 15;          ///< per block on the wire; 256..40000, so that a raw block stays below 1 MiB
 
   /// Throws Error(invalid_argument) naming the option and its limits.
   void validate() const;
@@ -171,8 +172,9 @@ class Engine {
   virtual void detect(const v1::DetectRequest& request, const CallContext& call,
                       std::function<void(Outcome<DetectReplies>)> on_done) = 0;
 
-  /// Ends with Error(cancelled) or Error(deadline_exceeded) when the call does.
-  virtual v1::EstimateReply estimate(const v1::EstimateRequest& request, const CallContext& call) = 0;
+  /// Waits and computes among the preparations. on_done is called exactly once.
+  virtual void estimate(v1::EstimateRequest request, const CallContext& call,
+                        std::function<void(Outcome<v1::EstimateReply>)> on_done) = 0;
   /// on_progress may be empty; a last call of it may overlap with on_done. on_done is called exactly once.
   virtual void prepare(const v1::PrepareRequest& request, const CallContext& call,
                        std::function<void(const v1::Progress&)> on_progress,

@@ -36,7 +36,8 @@ class EngineImpl : public Engine {
   void detect(const v1::DetectRequest& request, const CallContext& call,
               std::function<void(Outcome<DetectReplies>)> on_done) override;
 
-  v1::EstimateReply estimate(const v1::EstimateRequest& request, const CallContext& call) override;
+  void estimate(v1::EstimateRequest request, const CallContext& call,
+                std::function<void(Outcome<v1::EstimateReply>)> on_done) override;
   void prepare(const v1::PrepareRequest& request, const CallContext& call, std::function<void(const v1::Progress&)> on_progress,
                std::function<void(Outcome<v1::SystemInfo>)> on_done) override;
   v1::SystemInfo get_system(const std::string& id, const CallContext& call) override;

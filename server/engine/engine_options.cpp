@@ -26,6 +26,7 @@ void EngineOptions::validate() const {
   check_range(max_groups, 0, 1'000'000, "option max_groups");
   check_range(max_designs, 1, 1'000'000, "option max_designs");
   check_range(max_handles, 1, 1'000'000, "option max_handles");
+  check_range(max_setup_work, 1, 1'000'000'000'000'000'000, "option max_setup_work");
   check_range(block_points, 256, 40'000, "option block_points");
   if (memory_budget != 0 && cache_budget > memory_budget) {
     throw Error(ErrorCode::invalid_argument, "option cache_budget: " + std::to_string(cache_budget) +

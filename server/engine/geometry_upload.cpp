@@ -7,6 +7,7 @@
 #include "core/base/checks.h"
 #include "core/base/error.h"
 #include "core/base/number_text.h"
+#include "server/engine/call.h"
 #include "server/engine/mesh_cache.h"
 #include "server/store/geometry_file.h"
 #include "server/store/store.h"
@@ -255,12 +256,11 @@ class Upload : public GeometryUpload {
       return info;
     }
     Mesh mesh = buffer_.take();
-    const std::string id = mesh_id(mesh);
+    const std::string id = mesh_id(mesh, context());
     if (!declared_id_.empty() && id != declared_id_) {
       throw Error(ErrorCode::invalid_argument, "header.id: " + declared_id_ + " was announced, the arrays have id " + id);
     }
-    check_call();
-    v1::GeometryInfo info = store_.put(mesh, owned(id), name_, call_.quota);
+    v1::GeometryInfo info = store_.put(mesh, owned(id), name_, {call_.quota, context()});
     meshes_.put(key_of(owned(id)), MeshCache::share(std::move(mesh), buffer_.take_charge()));
     return info;
   }
@@ -268,12 +268,8 @@ class Upload : public GeometryUpload {
  private:
   OwnedId owned(const std::string& id) const { return {call_.tenant, id}; }
 
-  void check_call() const {
-    RunContext context;
-    context.stop = call_.stop;
-    context.deadline = call_.deadline;
-    context.check();
-  }
+  RunContext context() const { return context_of(call_); }
+  void check_call() const { context().check(); }
 
   const std::string declared_id_, name_;
   Store& store_;

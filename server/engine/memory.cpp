@@ -67,12 +67,14 @@ void TenantShare::take(std::size_t bytes, const std::string& what) const {
   const std::string quota = "quota bytes-in-flight of tenant \"" + tenant + "\": ";
   if (bytes > limit) {
     throw Error(ErrorCode::out_of_budget, quota + what + " needs " + mebibytes(bytes) + ", the limit is " + mebibytes(limit) +
-                                              "; ask the operator of the server for more");
+                                              "; ask the operator of the server for more")
+        .refused_for(Refusal::quota);
   }
   throw Error(ErrorCode::out_of_budget,
               quota + what + " needs " + mebibytes(bytes) + ", requests and answers under way hold " +
                   mebibytes(meter->in_use()) + ", the limit is " + mebibytes(limit) + "; try again later",
-              retry_quota_ms);
+              retry_quota_ms)
+      .refused_for(Refusal::quota);
 }
 
 std::shared_ptr<MemoryMeter> TenantMeters::of(const std::string& tenant) {

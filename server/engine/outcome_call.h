@@ -1,11 +1,14 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
+#include <algorithm>
 #include <functional>
 #include <mutex>
+#include <optional>
 #include <string>
 #include <utility>
 
+#include "core/base/control_group.h"
 #include "server/engine/call.h"
 #include "server/engine/memory.h"
 #include "server/engine/scheduler.h"
@@ -13,8 +16,8 @@
 
 namespace deform::server {
 
-/// A request with one answer: waits for its system, if it needs one, then computes on a worker. on_done is called
-/// exactly once, from a worker or the registry's thread, without a lock.
+/// A request with one answer: waits for its system, if it needs one, then computes on a worker, or what takes long on a thread
+/// for preparations. on_done is called exactly once, from such a thread or the registry's, without a lock.
 template <typename T>
 class OutcomeCall : public Call {
  public:
@@ -30,6 +33,10 @@ class OutcomeCall : public Call {
         false;  ///< source.prepare() does not read it from the store, so that one which is gone is no reason to fail
     std::function<void(const std::string& stage, double fraction)> on_progress;  ///< may be empty
     std::function<T(const SystemCache::Handle&, const RunContext&)> compute;
+    /// Of compute() on a worker, for Scheduler::start(); empty: as little as possible.
+    std::function<double(const ResidentSystem&)> cost;
+    /// About how long compute() takes. Set, it is work for the threads of preparations, never for a worker.
+    std::optional<double> seconds;
     std::function<void(Engine::Outcome<T>)> on_done;
   };
 
@@ -41,7 +48,9 @@ class OutcomeCall : public Call {
   /// Throws when refused; on_done is not called then.
   void begin() {
     if (const auto error = overdue(accepted_)) throw *error;
-    place_ = parts_.scheduler->enter(context().client);
+    const bool resident = task_.system_id.empty() || parts_.cache->would_find(key(), task_.source);
+    place_ = parts_.scheduler->enter(context().client,
+                                     resident && !task_.seconds ? Scheduler::Queue::workers : Scheduler::Queue::preparations);
     parts_.calls->add(shared_from_this());
     if (context().open) context().open->set_subject("", task_.system_id);
     if (!task_.system_id.empty()) enter(v1::CALL_PREPARING);
@@ -62,6 +71,8 @@ class OutcomeCall : public Call {
  private:
   std::shared_ptr<OutcomeCall> self() { return std::static_pointer_cast<OutcomeCall>(shared_from_this()); }
 
+  std::string key() const { return key_of({context().tenant, task_.system_id}); }
+
   void ask() {
     SystemCache::Asker asker;
     asker.client = context().client;
@@ -71,7 +82,7 @@ class OutcomeCall : public Call {
     asker.on_done = [call = self()](SystemCache::Handle system, const std::optional<Error>& error) {
       call->on_system(std::move(system), error);
     };
-    auto [system, ticket] = parts_.cache->acquire(key_of({context().tenant, task_.system_id}), task_.source, std::move(asker));
+    auto [system, ticket] = parts_.cache->acquire(key(), task_.source, std::move(asker));
     if (system) return enqueue(std::move(system));
     const std::lock_guard lock(mutex_);
     if (!ended_) ticket_ = std::move(ticket);  // otherwise it leaves here
@@ -100,15 +111,28 @@ class OutcomeCall : public Call {
   void enqueue(SystemCache::Handle system) {
     const std::lock_guard lock(mutex_);
     if (ended_) return;
-    const double cost = system ? system->design_work() : static_cast<double>(Scheduler::least_cost);
+    const double cost = task_.seconds          ? *task_.seconds * Scheduler::points_per_second
+                        : system && task_.cost ? task_.cost(*system)
+                                               : static_cast<double>(Scheduler::least_cost);
     enter(v1::CALL_WAITING);
     if (context().open) {
       context().open->set_cost(cost);
       if (system) context().open->set_subject(system->info.geometry_id(), "");
     }
+    if (task_.seconds) {
+      const auto prepare = [call = self(), system = std::move(system)] { call->run(system, {}); };
+      return parts_.scheduler->prepare(context().client, this, *task_.seconds, prepare);
+    }
     parts_.scheduler->start(context().client, this, cost, [call = self(), system = std::move(system)](Scheduler::Slot slot) {
       call->run(system, std::move(slot));
     });
+  }
+
+  /// How many threads fall to each of those who compute now.
+  int share() const {
+    const Scheduler::Load load = parts_.scheduler->load();
+    const std::size_t sharing = std::max<std::size_t>(1, task_.seconds ? load.preparations : load.running);
+    return std::max(1, (task_.seconds ? available_cores() : parts_.scheduler->workers()) / static_cast<int>(sharing));
   }
 
   void run(const SystemCache::Handle& system, Scheduler::Slot slot) {
@@ -125,9 +149,8 @@ class OutcomeCall : public Call {
     }
     const auto from = RunContext::Clock::now();
     Engine::Outcome<T> outcome;
-    const int running = static_cast<int>(std::max<std::size_t>(1, parts_.scheduler->load().running));
     try {
-      outcome.value = task_.compute(system, run_context(std::max(1, parts_.scheduler->workers() / running)));
+      outcome.value = task_.compute(system, run_context(share()));
     } catch (const Error& error) {
       outcome.error = error;
     } catch (const std::bad_alloc&) {

@@ -23,7 +23,8 @@ std::size_t QueuedCall<Reply>::share() const {
 template <typename Reply>
 void QueuedCall<Reply>::begin() {
   if (const auto error = overdue(accepted_)) throw *error;
-  place_ = queue_.scheduler->enter(context().client);
+  place_ = queue_.scheduler->enter(
+      context().client, queue_.cache->would_find(key(), source_) ? Scheduler::Queue::workers : Scheduler::Queue::preparations);
   queue_.calls->add(shared_from_this());
   try {
     ask();
@@ -44,7 +45,7 @@ void QueuedCall<Reply>::ask() {
   asker.on_done = [call = self()](SystemCache::Handle system, const std::optional<Error>& error) {
     call->on_system(std::move(system), error);
   };
-  auto [system, ticket] = queue_.cache->acquire(key_of({context().tenant, stats_.system_id}), source_, std::move(asker));
+  auto [system, ticket] = queue_.cache->acquire(key(), source_, std::move(asker));
   if (system) return enqueue(std::move(system));
   const std::lock_guard lock(mutex_);
   if (!ended_) ticket_ = std::move(ticket);  // otherwise it leaves here

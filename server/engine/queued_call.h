@@ -103,6 +103,7 @@ class QueuedCall : public Call {
   CallStats stats_;
 
  private:
+  std::string key() const { return key_of({context().tenant, stats_.system_id}); }
   void ask();
   void on_system(SystemCache::Handle system, const std::optional<Error>& error);
   void enqueue(SystemCache::Handle system);

@@ -13,31 +13,20 @@ namespace {
 constexpr std::uint32_t retry_queue_ms = 200;
 constexpr std::size_t places_per_free = 4;  // what a client may have, for each that is free
 
-template <typename Queue>
-void remove_from(Queue& queue, const void* owner, Queue& removed) {
-  for (auto it = queue.begin(); it != queue.end();) {
-    if (it->owner == owner) {
-      removed.push_back(std::move(*it));
-      it = queue.erase(it);
-    } else {
-      ++it;
-    }
-  }
-}
-
 }  // namespace
 
 Scheduler::Place& Scheduler::Place::operator=(Place&& other) noexcept {
   if (this != &other) {
     leave();
     scheduler_ = std::exchange(other.scheduler_, nullptr);
+    queue_ = other.queue_;
     client_ = std::move(other.client_);
   }
   return *this;
 }
 
 void Scheduler::Place::leave() {
-  if (scheduler_ != nullptr) std::exchange(scheduler_, nullptr)->leave_place(client_);
+  if (scheduler_ != nullptr) std::exchange(scheduler_, nullptr)->leave_place(queue_, client_);
 }
 
 Scheduler::Slot& Scheduler::Slot::operator=(Slot&& other) noexcept {
@@ -60,27 +49,29 @@ Scheduler::Scheduler(const Options& options) : options_(options), queue_limit_(o
 
 Scheduler::~Scheduler() { stop(); }
 
-Scheduler::Place Scheduler::enter(const std::string& client) {
+Scheduler::Place Scheduler::enter(const std::string& client, Queue queue) {
   const std::lock_guard lock(mutex_);
-  if (load_.waiting >= queue_limit_) {
+  std::size_t& waiting = waiting_in(queue);
+  const std::string full = queue == Queue::workers ? "the queue is full" : "the queue for preparations is full";
+  if (waiting >= queue_limit_) {
     throw Error(ErrorCode::out_of_budget,
-                "the queue is full: " + std::to_string(load_.waiting) + " requests wait, the limit is " +
-                    std::to_string(queue_limit_) + "; try again later",
+                full + ": " + std::to_string(waiting) + " requests wait, the limit is " + std::to_string(queue_limit_) +
+                    "; try again later",
                 retry_queue_ms)
         .refused_for(Refusal::queue);
   }
-  const auto it = places_.find(client);
-  const std::size_t own = it == places_.end() ? 0 : it->second, left = queue_limit_ - load_.waiting;
+  const auto it = places_.find({queue, client});
+  const std::size_t own = it == places_.end() ? 0 : it->second, left = queue_limit_ - waiting;
   if (own > places_per_free * left) {
     throw Error(ErrorCode::out_of_budget,
-                "the queue is full for this client: " + std::to_string(own) + " of its requests wait, the last " +
-                    std::to_string(left) + " of " + std::to_string(queue_limit_) + " places are kept for others; try again later",
+                full + " for this client: " + std::to_string(own) + " of its requests wait, the last " + std::to_string(left) +
+                    " of " + std::to_string(queue_limit_) + " places are kept for others; try again later",
                 retry_queue_ms)
         .refused_for(Refusal::queue);
   }
-  ++places_[client];
-  ++load_.waiting;
-  return Place(this, client);
+  ++places_[{queue, client}];
+  ++waiting;
+  return Place(this, queue, client);
 }
 
 void Scheduler::start(const std::string& client, const void* owner, double cost, std::function<void(Slot)> work) {
@@ -97,11 +88,8 @@ void Scheduler::step(const void* owner, Work work) {
 
 void Scheduler::prepare(const std::string& client, const void* owner, double seconds, Work work) {
   const std::lock_guard lock(mutex_);
-  if (seconds <= short_seconds) {
-    short_preparations_.push_back({owner, std::move(work)});
-  } else {
-    preparations_.push(client, owner, seconds, std::move(work));
-  }
+  FairQueue<Work>& queue = seconds <= short_seconds ? short_preparations_ : preparations_;
+  queue.push(client, owner, std::max(seconds, least_seconds), std::move(work));
   preparation_available_.notify_all();  // not all of them take it
 }
 
@@ -115,12 +103,19 @@ void Scheduler::remove(const void* owner) {
   // Destroyed after the lock: they may own what calls back into here.
   std::deque<Piece> pieces;
   std::vector<std::function<void(Slot)>> starts;
-  std::vector<Work> preparations;
+  std::vector<Work> preparations, short_preparations;
   const std::lock_guard lock(mutex_);
-  remove_from(steps_, owner, pieces);
-  remove_from(short_preparations_, owner, pieces);
+  for (auto it = steps_.begin(); it != steps_.end();) {
+    if (it->owner == owner) {
+      pieces.push_back(std::move(*it));
+      it = steps_.erase(it);
+    } else {
+      ++it;
+    }
+  }
   starts = starts_.remove(owner);
   preparations = preparations_.remove(owner);
+  short_preparations = short_preparations_.remove(owner);
 }
 
 void Scheduler::stop() {
@@ -149,10 +144,10 @@ std::size_t Scheduler::queue_limit() const {
   return queue_limit_;
 }
 
-bool Scheduler::take_first(std::deque<Piece>& pieces, Work& work) {
-  if (pieces.empty()) return false;
-  work = std::move(pieces.front().work);
-  pieces.pop_front();
+bool Scheduler::take_step(Work& work) {
+  if (steps_.empty()) return false;
+  work = std::move(steps_.front().work);
+  steps_.pop_front();
   return true;
 }
 
@@ -169,7 +164,7 @@ void Scheduler::run_worker() {
   for (;;) {
     Work step;
     std::function<void(Slot)> start;
-    const bool found = step_next_ ? take_first(steps_, step) || take_start(start) : take_start(start) || take_first(steps_, step);
+    const bool found = step_next_ ? take_step(step) || take_start(start) : take_start(start) || take_step(step);
     if (!found) {
       if (stopping_) return;
       work_available_.wait(lock);
@@ -192,7 +187,7 @@ void Scheduler::run_preparations(bool only_short) {
   std::unique_lock lock(mutex_);
   for (;;) {
     Work work;
-    const bool found = (!only_short && preparations_.pop(work)) || take_first(short_preparations_, work);
+    const bool found = (!only_short && preparations_.pop(work)) || short_preparations_.pop(work);
     if (!found) {
       if (stopping_) return;
       preparation_available_.wait(lock);
@@ -207,10 +202,10 @@ void Scheduler::run_preparations(bool only_short) {
   }
 }
 
-void Scheduler::leave_place(const std::string& client) {
+void Scheduler::leave_place(Queue queue, const std::string& client) {
   const std::lock_guard lock(mutex_);
-  --load_.waiting;
-  const auto it = places_.find(client);
+  --waiting_in(queue);
+  const auto it = places_.find({queue, client});
   if (--it->second == 0) places_.erase(it);
 }
 

@@ -21,11 +21,11 @@ namespace deform::server {
 ///   start        the first piece of a request; waits in a bounded place, see below; begins only while fewer than
 ///                `running_limit` requests are running, so that requests are finished rather than all begun
 ///   step         a further, short piece of a running request; first come, first served, so running requests share the workers
-///   preparation  has threads of its own, so that it never keeps a step waiting; one of them takes only short preparations, so
-///   that
-///                these never wait for long ones
+///   preparation  what takes long: of a system, and whatever else is no matter of milliseconds; has threads of its own, so that
+///   it
+///                never keeps a step waiting; one of them takes only short preparations, so that these never wait for long ones
 ///
-/// Starts and long preparations are taken in the order of a FairQueue.
+/// Starts, short preparations and long ones are each taken in the order of a FairQueue.
 ///
 /// One worker pool serves starts and steps, steps and starts in turn. Work must not throw. No lock is held while it runs.
 /// Thread-safe.
@@ -39,13 +39,19 @@ class Scheduler {
   };
   using Work = std::function<void()>;
   static constexpr std::size_t least_cost = 1000;
-  static constexpr double short_seconds = 2;  ///< of a preparation
+  /// What a worker computes of a design that needs no solution, encoded: what a second of anything else costs.
+  static constexpr double points_per_second = 1e7;
+  static constexpr double short_seconds = 2;     ///< of a preparation
+  static constexpr double least_seconds = 0.02;  ///< what one counts at least
+
+  /// What a request waits for: each has as many places of its own, so that what is prepared leaves room for what is there.
+  enum class Queue { workers, preparations };
 
   /// A request that waits: counted against queue_limit and its client until left or destroyed. Movable.
   class Place {
    public:
     Place() = default;
-    Place(Place&& other) noexcept : scheduler_(other.scheduler_), client_(std::move(other.client_)) {
+    Place(Place&& other) noexcept : scheduler_(other.scheduler_), queue_(other.queue_), client_(std::move(other.client_)) {
       other.scheduler_ = nullptr;
     }
     Place& operator=(Place&& other) noexcept;
@@ -54,8 +60,10 @@ class Scheduler {
 
    private:
     friend class Scheduler;
-    Place(Scheduler* scheduler, std::string client) : scheduler_(scheduler), client_(std::move(client)) {}
+    Place(Scheduler* scheduler, Queue queue, std::string client)
+        : scheduler_(scheduler), queue_(queue), client_(std::move(client)) {}
     Scheduler* scheduler_ = nullptr;
+    Queue queue_ = Queue::workers;
     std::string client_;
   };
 
@@ -78,10 +86,10 @@ class Scheduler {
   explicit Scheduler(const Options& options);
   ~Scheduler();
 
-  /// Throws Error(out_of_budget) with a retry hint when queue_limit requests wait already, or when this client has more than
-  /// four times as many places as are free (dynamic thresholds: Choudhury and Hahne 1998). So n clients that take all they get
-  /// have 4 / (4 n + 1) of the places each, and there is room for the next one.
-  Place enter(const std::string& client);
+  /// Throws Error(out_of_budget) with a retry hint when queue_limit requests wait there already, or when this client has more
+  /// than four times as many places as are free (dynamic thresholds: Choudhury and Hahne 1998). So n clients that take all they
+  /// get have 4 / (4 n + 1) of the places each, and there is room for the next one.
+  Place enter(const std::string& client, Queue queue = Queue::workers);
 
   /// `owner` is what remove() names; any address that is unique while the work waits. `cost`: how many points
   /// are computed, and `least_cost` for what a request or design takes beside them.
@@ -100,9 +108,10 @@ class Scheduler {
   void stop();
 
   struct Load {
-    std::size_t waiting = 0;       ///< places taken
-    std::size_t running = 0;       ///< slots taken
-    std::size_t preparations = 0;  ///< running now
+    std::size_t waiting = 0;                  ///< places taken of Queue::workers
+    std::size_t waiting_for_preparation = 0;  ///< and of Queue::preparations
+    std::size_t running = 0;                  ///< slots taken
+    std::size_t preparations = 0;             ///< running now
   };
   Load load() const;
   /// Of requests that come later.
@@ -118,8 +127,9 @@ class Scheduler {
   void run_worker();
   void run_preparations(bool only_short);
   bool take_start(std::function<void(Slot)>& work);
-  static bool take_first(std::deque<Piece>& pieces, Work& work);
-  void leave_place(const std::string& client);
+  bool take_step(Work& work);
+  std::size_t& waiting_in(Queue queue) { return queue == Queue::workers ? load_.waiting : load_.waiting_for_preparation; }
+  void leave_place(Queue queue, const std::string& client);
   void leave_slot();
 
   const Options options_;
@@ -129,10 +139,10 @@ class Scheduler {
   std::condition_variable work_available_;
   std::condition_variable preparation_available_;
   FairQueue<std::function<void(Slot)>> starts_;
-  FairQueue<Work> preparations_;               // long ones
-  std::map<std::string, std::size_t> places_;  // taken, of those who have any
+  FairQueue<Work> preparations_;  // long ones
+  FairQueue<Work> short_preparations_;
+  std::map<std::pair<Queue, std::string>, std::size_t> places_;  // taken, of those who have any
   std::deque<Piece> steps_;
-  std::deque<Piece> short_preparations_;
   Load load_;
   bool step_next_ = true;
   bool stopping_ = false;

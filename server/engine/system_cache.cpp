@@ -6,6 +6,14 @@
 
 namespace deform::server {
 
+namespace {
+
+/// Of a flight before its preparation has told: half of what a short one may take, so that who asks for many does not go before
+/// those whose work is known.
+constexpr double unknown_seconds = Scheduler::short_seconds / 2;
+
+}  // namespace
+
 const ModelSize& ResidentSystem::size() const {
   std::call_once(measured_, [this] { size_ = model_size(mesh->points); });
   return size_;
@@ -58,6 +66,12 @@ bool SystemCache::contains(const std::string& id) const {
   return entries_.count(id) > 0;
 }
 
+bool SystemCache::would_find(const std::string& id, const Source& source) const {
+  const std::lock_guard lock(mutex_);
+  const auto found = entries_.find(id);
+  return found != entries_.end() && serves(found->second, source);
+}
+
 std::vector<std::string> SystemCache::ids() const {
   const std::lock_guard lock(mutex_);
   std::vector<std::string> ids;
@@ -68,8 +82,7 @@ std::vector<std::string> SystemCache::ids() const {
 std::pair<SystemCache::Handle, SystemCache::Ticket> SystemCache::acquire(const std::string& id, const Source& source,
                                                                          Asker asker) {
   std::unique_lock lock(mutex_);
-  if (const auto found = entries_.find(id);
-      found != entries_.end() && (source.restore || found->second.resident->extent == ResidentSystem::Extent::whole)) {
+  if (const auto found = entries_.find(id); found != entries_.end() && serves(found->second, source)) {
     ++counters_.hits;
     return {pin(id, found->second), Ticket()};
   }
@@ -92,7 +105,7 @@ std::pair<SystemCache::Handle, SystemCache::Ticket> SystemCache::acquire(const s
   flight->askers.emplace(ticket.asker_, std::move(asker));
   const std::shared_ptr<Flight> begun = flight;
   lock.unlock();
-  if (begin) schedule(begun, 0);
+  if (begin) schedule(begun, unknown_seconds);
   return {nullptr, std::move(ticket)};
 }
 
@@ -106,7 +119,8 @@ void SystemCache::check_preparations(const Asker& asker) const {
               "quota preparations of tenant \"" + asker.tenant + "\": " + std::to_string(own) +
                   " systems are being prepared or wait for it, the limit is " + std::to_string(asker.most_preparations) +
                   "; try again later",
-              retry_quota_ms);
+              retry_quota_ms)
+      .refused_for(Refusal::quota);
 }
 
 void SystemCache::schedule(const std::shared_ptr<Flight>& flight, double seconds) {
@@ -182,7 +196,7 @@ void SystemCache::prepare_instead(const std::shared_ptr<Flight>& flight) {
     for (auto& [asker, handle] : answers) asker.on_done(std::move(handle), std::nullopt);
     return;
   }
-  schedule(flight, 0);
+  schedule(flight, unknown_seconds);
   // Who left before that has not found it among what is scheduled.
   if (flight->stop.stop_requested()) unschedule_(flight.get());
 }

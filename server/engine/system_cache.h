@@ -53,8 +53,11 @@ struct ResidentSystem {
   /// model_size() of its mesh, asked once. Thread-safe.
   const ModelSize& size() const;
   std::size_t bytes() const { return system->bytes() + setup_bytes; }
-  /// The cost of one design for Scheduler::start(), in points.
-  double design_work() const { return static_cast<double>(Scheduler::least_cost + mesh->point_count()); }
+  /// The cost of one design for Scheduler::start(), in points; with constraints mostly that of solving for it.
+  double design_work() const {
+    return static_cast<double>(Scheduler::least_cost + mesh->point_count()) +
+           Scheduler::points_per_second * info.design_seconds();
+  }
 
  private:
   mutable std::once_flag measured_;
@@ -146,6 +149,8 @@ class SystemCache : public std::enable_shared_from_this<SystemCache> {
 
   /// Whether the entry is there now. Counts neither as a hit nor as a use.
   bool contains(const std::string& id) const;
+  /// Whether acquire() would find it now: who needs a whole system is not served by a basis.
+  bool would_find(const std::string& id, const Source& source) const;
   std::vector<std::string> ids() const;
 
   /// The entry if it is there (the ticket stays empty, nothing is called back), otherwise joins or begins a flight. Callbacks
@@ -213,6 +218,9 @@ class SystemCache : public std::enable_shared_from_this<SystemCache> {
   void report(const std::shared_ptr<Flight>& flight, const std::string& stage, double fraction);
   void check_preparations(const Asker& asker) const;  // with mutex_ held
   void leave(const std::shared_ptr<Flight>& asked, std::uint64_t asker);
+  static bool serves(const Entry& entry, const Source& source) {
+    return source.restore || entry.resident->extent == ResidentSystem::Extent::whole;
+  }
   Entry& enter(const std::string& id, std::shared_ptr<ResidentSystem> resident, Doomed& doomed);
   Handle pin(const std::string& id, Entry& entry);
   void unpin(const std::string& id, const ResidentSystem* resident);

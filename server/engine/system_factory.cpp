@@ -60,15 +60,28 @@ void leave_out_large_setup(v1::SystemInfo& info) {
 
 SystemFactory::SystemFactory(const Parts& parts) : parts_(parts), selections_(parts.options.memory_budget / 4) {}
 
-SystemFactory::RecipePtr SystemFactory::recipe(const v1::Setup& setup, const std::string& tenant) {
+SelectionWork SystemFactory::selection(const v1::Setup& setup, const std::string& tenant) const {
+  if (setup.geometry().empty()) return {};  // which is refused
+  const OwnedId geometry = parts_.store.resolve_geometry(tenant, setup.geometry());
+  const SelectionWork work = selection_work(setup, parts_.store.info(geometry).points());
+  work.check(parts_.options.max_setup_work);
+  return work;
+}
+
+SystemFactory::RecipePtr SystemFactory::recipe(const v1::Setup& setup, const std::string& tenant, const RunContext& context) {
   if (setup.geometry().empty()) throw Error(ErrorCode::invalid_argument, "geometry: must not be empty");
   auto recipe = std::make_shared<Recipe>();
   // At once: with its kernel, canonical, its bytes, and as a Setup.
   recipe->charge = parts_.memory.charge(4 * setup_bytes(setup), setup_purpose);
+  context.check();
   convert::setup_from_proto(setup, parts_.options.max_handles);  // refuses what has no canonical form
+  context.check();
+  recipe->selection = selection(setup, tenant);
   const OwnedId geometry = parts_.store.resolve_geometry(tenant, setup.geometry());
   recipe->canonical = convert::canonical_setup(convert::with_kernel(setup, parts_.store.info(geometry)), geometry.id);
+  context.check();
   recipe->id = {tenant, convert::system_id(recipe->canonical)};
+  context.check();
   recipe->charge.shrink(2 * setup_bytes(recipe->canonical));
   return recipe;
 }
@@ -107,18 +120,18 @@ v1::EstimateReply SystemFactory::estimate(const v1::EstimateRequest& request, co
     const Problems problems = problems_of(request.setup(), tenant, charged(context, charge, open));
     if (!problems.empty()) return convert::problems_reply(problems);
   }
-  const RecipePtr recipe = this->recipe(request.setup(), tenant);
+  const RecipePtr recipe = this->recipe(request.setup(), tenant, context);
   const auto mesh = mesh_of(recipe->geometry());
   const Setup setup = convert::setup_from_proto(recipe->canonical, parts_.options.max_handles);
   SelectionCharge charge;
   const SelectedRegions regions = validate(setup, *mesh, charged(context, charge, open));
-  v1::EstimateReply reply = convert::estimate_reply(deform::estimate(*mesh, setup, regions));
-  if (request.list_centres()) convert::list_centres(known_centres(*mesh, setup), reply);
+  v1::EstimateReply reply = convert::estimate_reply(deform::estimate(*mesh, setup, regions, context));
+  if (request.list_centres()) convert::list_centres(known_centres(*mesh, setup, regions, context), reply);
   reply.set_budget_bytes(parts_.memory.total());
   reply.set_fits(reply.peak_bytes() + mesh_bytes(*mesh) <= parts_.memory.total());
   convert::add_handles(*reply.mutable_handles(), setup, regions);
-  convert::add_setup_notes(*reply.mutable_notes(), setup, *mesh, regions);
-  convert::add_setup_hints(*reply.mutable_notes(), setup, *mesh, regions);
+  convert::add_setup_notes(*reply.mutable_notes(), setup, *mesh, regions, context);
+  convert::add_setup_hints(*reply.mutable_notes(), setup, *mesh, regions, context);
   reply.set_fixed_points(regions.fixed.size());
   reply.set_system_id(recipe->id.id);
   return reply;
@@ -140,13 +153,18 @@ std::shared_ptr<SystemFactory::Planned> SystemFactory::plan_system(const Recipe&
   context.progress("select", 0);
   planned->regions = validate(resident.setup, *resident.mesh, charged(context, planned->charge));
   resident.sides = symmetry_sides(resident.setup, *resident.mesh);
-  planned->estimate = deform::estimate(*resident.mesh, resident.setup, planned->regions);
+  planned->estimate = deform::estimate(*resident.mesh, resident.setup, planned->regions, context);
   context.check();
   return planned;
 }
 
 SystemCache::Prepare SystemFactory::preparation_of(RecipePtr recipe, Storing storing, const Quota& quota) {
   return [this, recipe, storing, quota](const RunContext& context) -> SystemCache::Prepared {
+    if (const double selecting = recipe->selection.seconds(); selecting > Scheduler::short_seconds) {
+      return SystemCache::Long{selecting, [this, recipe, storing, quota](const RunContext& later) {
+                                 return make_system(*recipe, *plan_system(*recipe, later), storing, quota, later);
+                               }};
+    }
     const auto planned = plan_system(*recipe, context);
     if (planned->estimate.seconds <= Scheduler::short_seconds) return make_system(*recipe, *planned, storing, quota, context);
     // What waits for its turn holds no memory but its setup, and selects its points again.
@@ -177,7 +195,7 @@ std::shared_ptr<ResidentSystem> SystemFactory::make_system(const Recipe& recipe,
   resident->info = convert::system_info(resident->system->info(), recipe.canonical, recipe.id.id);
   resident->info.set_design_seconds(estimate.design_seconds);
   convert::add_handles(*resident->info.mutable_handles(), resident->setup, planned.regions);
-  convert::add_setup_notes(*resident->info.mutable_notes(), resident->setup, *resident->mesh, planned.regions);
+  convert::add_setup_notes(*resident->info.mutable_notes(), resident->setup, *resident->mesh, planned.regions, context);
   resident->told = resident->info;
   leave_out_large_setup(resident->told);
   std::int64_t created_ms = recipe.created_ms;
@@ -218,6 +236,7 @@ SystemCache::Prepare SystemFactory::prepare_again(const OwnedId& id, const Quota
       throw Error(ErrorCode::data_loss, "catalog: the setup of system " + id.id + " is damaged");
     }
     recipe->charge = parts_.memory.charge(2 * setup_bytes(recipe->canonical), setup_purpose);
+    recipe->selection = selection_work(recipe->canonical, parts_.store.info(recipe->geometry()).points());
     return preparation_of(recipe, Storing::stored_already, quota)(context);
   };
 }

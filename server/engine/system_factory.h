@@ -13,6 +13,7 @@
 #include "server/engine/mesh_cache.h"
 #include "server/engine/open_calls.h"
 #include "server/engine/scheduler.h"
+#include "server/engine/selection_work.h"
 #include "server/engine/stored_bases.h"
 #include "server/engine/system_cache.h"
 #include "server/store/store.h"
@@ -44,11 +45,15 @@ class SystemFactory {
     v1::Setup canonical;
     std::int64_t created_ms = 0;  ///< of one that is stored
     Charge charge;                ///< of `canonical` and the Setup that is made of it
+    SelectionWork selection;      ///< of its regions
     OwnedId geometry() const { return {id.tenant, canonical.geometry()}; }
   };
   using RecipePtr = std::shared_ptr<const Recipe>;  // shared by all steps of a preparation
 
-  RecipePtr recipe(const v1::Setup& setup, const std::string& tenant);
+  /// Between its steps the context may stop it.
+  RecipePtr recipe(const v1::Setup& setup, const std::string& tenant, const RunContext& context);
+  /// What selecting the regions of a setup takes; nothing without a geometry. Throws Error(invalid_argument) beyond the limit.
+  SelectionWork selection(const v1::Setup& setup, const std::string& tenant) const;
   /// Without `resident`. What the call holds is told to `open`, unless that is null.
   v1::EstimateReply estimate(const v1::EstimateRequest& request, const std::string& tenant, const std::shared_ptr<OpenCall>& open,
                              const RunContext& context);

@@ -79,8 +79,11 @@ void add_server(const v1::ServerInfo& info, std::vector<MetricFamily>& all) {
                          seconds_per_millisecond * static_cast<double>(info.uptime_ms())));
   all.push_back(gauge_of("deformd_draining", "1 while the server shuts down.", info.draining() ? 1 : 0));
   all.push_back(gauge_of("deformd_workers", "Threads that compute.", info.workers()));
-  all.push_back(gauge_of("deformd_queue_length", "Requests that wait for a worker.", info.queue_length()));
-  all.push_back(gauge_of("deformd_queue_limit", "Requests that may wait; more are refused.", info.queue_limit()));
+  all.push_back(gauge_of("deformd_queue_length", "Requests that wait for a worker.",
+                         info.queue_length() - std::min(info.queue_length(), info.preparation_queue_length())));
+  all.push_back(gauge_of("deformd_preparation_queue_length", "Requests that wait for a preparation or an estimate.",
+                         info.preparation_queue_length()));
+  all.push_back(gauge_of("deformd_queue_limit", "Requests that may wait, of either kind; more are refused.", info.queue_limit()));
   all.push_back(gauge_of("deformd_running", "Requests and preparations under way.", info.running()));
   all.push_back(counter_of("deformd_designs_served_total", "Designs that were computed and handed out.",
                            static_cast<double>(info.designs_served())));

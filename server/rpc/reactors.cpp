@@ -227,36 +227,52 @@ void note_stats(const CallStats& stats, CallRecord& record) {
 
 // ---- UnaryCall ----
 
-UnaryCall::UnaryCall(const char* method, const Incoming& incoming, grpc::ByteBuffer* reply, Work work)
-    : scope_(method, incoming), reply_(reply), work_(std::move(work)) {}
+UnaryCall::UnaryCall(const char* method, const Incoming& incoming, grpc::ByteBuffer* reply)
+    : scope_(method, incoming), reply_(reply) {}
 
 grpc::ServerUnaryReactor* UnaryCall::launch(ThreadPool& pool, const char* method, const Incoming& incoming,
                                             grpc::ByteBuffer* reply, Work work) {
-  auto* call = new UnaryCall(method, incoming, reply, std::move(work));
-  if (auto refused = caught([&] {
-        call->scope_.admit();
-        let_in(pool, [call] { call->answer(); });
-      })) {
-    call->Finish(call->scope_.finish(std::move(refused)));
-  }
-  return call;
+  const std::shared_ptr<UnaryCall> call(new UnaryCall(method, incoming, reply));
+  return enter(pool, call, [call, work = std::move(work)] { call->answer(work); });
 }
 
-void UnaryCall::answer() {
-  auto error = caught([this] {
+grpc::ServerUnaryReactor* UnaryCall::launch_later(ThreadPool& pool, const char* method, const Incoming& incoming,
+                                                  grpc::ByteBuffer* reply, Begin begin) {
+  const std::shared_ptr<UnaryCall> call(new UnaryCall(method, incoming, reply));
+  return enter(pool, call, [call, begin = std::move(begin)] {
+    auto refused = caught([&] {
+      call->scope_.check();
+      begin(call->scope_, [call](const Work& work) { call->answer(work); });
+    });
+    if (refused) call->Finish(call->scope_.finish(std::move(refused)));
+  });
+}
+
+grpc::ServerUnaryReactor* UnaryCall::enter(ThreadPool& pool, std::shared_ptr<UnaryCall> call, ThreadPool::Task task) {
+  call->self_ = call;
+  auto refused = caught([&] {
+    call->scope_.admit();
+    let_in(pool, std::move(task));
+  });
+  if (refused) call->Finish(call->scope_.finish(std::move(refused)));
+  return call.get();
+}
+
+void UnaryCall::answer(const Work& work) {
+  auto error = caught([&] {
     scope_.check();
-    *reply_ = work_(scope_);
+    *reply_ = work(scope_);
     scope_.record.messages_out = 1;
     scope_.record.bytes_out = reply_->Length();
     scope_.hold(reply_->Length());  // until it is read
   });
   if (scope_.record.bytes_out > taken_at_once) scope_.cut_off_when_stalled();
-  Finish(scope_.finish(std::move(error)));  // this may be gone when it returns
+  Finish(scope_.finish(std::move(error)));
 }
 
 void UnaryCall::OnDone() {
   scope_.leave();
-  delete this;
+  self_.reset();
 }
 
 // ---- ReplyWriter ----

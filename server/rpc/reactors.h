@@ -139,23 +139,30 @@ class CallScope {
 /// Copies what the engine tells about its work into the record; what it does not know stays.
 void note_stats(const CallStats& stats, CallRecord& record);
 
-/// A call with one request and one reply, answered on the pool.
-class UnaryCall final : public grpc::ServerUnaryReactor {
+/// A call with one request and one reply, answered on the pool or begun there.
+class UnaryCall final : public grpc::ServerUnaryReactor, public std::enable_shared_from_this<UnaryCall> {
  public:
-  /// Fills the reply; may throw.
+  /// Makes the reply; may throw.
   using Work = std::function<grpc::ByteBuffer(CallScope&)>;
   static grpc::ServerUnaryReactor* launch(ThreadPool& pool, const char* method, const Incoming& incoming, grpc::ByteBuffer* reply,
                                           Work work);
+  /// Gives the answer, once, from any thread.
+  using Answer = std::function<void(const Work&)>;
+  /// Sees to it that the answer is given, also when the call is cancelled; throws where it never will be.
+  using Begin = std::function<void(CallScope&, Answer)>;
+  static grpc::ServerUnaryReactor* launch_later(ThreadPool& pool, const char* method, const Incoming& incoming,
+                                                grpc::ByteBuffer* reply, Begin begin);
 
  private:
-  UnaryCall(const char* method, const Incoming& incoming, grpc::ByteBuffer* reply, Work work);
-  void answer();
+  UnaryCall(const char* method, const Incoming& incoming, grpc::ByteBuffer* reply);
+  static grpc::ServerUnaryReactor* enter(ThreadPool& pool, std::shared_ptr<UnaryCall> call, ThreadPool::Task task);
+  void answer(const Work& work);
   void OnCancel() override { scope_.cancel(); }
   void OnDone() override;
 
   CallScope scope_;
   grpc::ByteBuffer* const reply_;
-  const Work work_;
+  std::shared_ptr<UnaryCall> self_;
 };
 
 /// What a turn of a call that streams replies gives.

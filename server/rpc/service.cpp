@@ -84,7 +84,6 @@ class DeformService::Methods final : public RawService {
         access_(options.access),
         held_(held_limit(engine.info().memory_budget())),
         pool_(options.call_threads, options.waiting_calls),
-        estimates_(std::max(1, options.call_threads / 4), options.waiting_calls),
         admin_(engine, calls_,
                [this](Context* context, const Bytes* request) { return incoming(Role::operate, context, request); }) {}
 
@@ -138,15 +137,19 @@ class DeformService::Methods final : public RawService {
   }
 
   grpc::ServerUnaryReactor* Estimate(Context* context, const Bytes* bytes, Bytes* reply) override {
-    return UnaryCall::launch(estimates_, "Estimate", incoming(Role::use, context, bytes), reply, [this, bytes](CallScope& scope) {
-      CallRecord& record = scope.record;
-      const auto request = received<v1::EstimateRequest>(*bytes, record);
-      record.geometry = request.setup().geometry();
+    const auto begin = [this, bytes](CallScope& scope, UnaryCall::Answer answer) {
+      auto request = received<v1::EstimateRequest>(*bytes, scope.record);
+      scope.record.geometry = request.setup().geometry();
       scope.note_subject();
-      v1::EstimateReply answer = engine_.estimate(request, scope.call());
-      record.system = answer.system_id();
-      return serialized(answer);
-    });
+      engine_.estimate(std::move(request), scope.call(), [answer](Engine::Outcome<v1::EstimateReply> outcome) {
+        answer([&](CallScope& answered) {
+          const v1::EstimateReply estimate = taken(outcome, answered.record, "the estimate");
+          answered.record.system = estimate.system_id();
+          return serialized(estimate);
+        });
+      });
+    };
+    return UnaryCall::launch_later(pool_, "Estimate", incoming(Role::use, context, bytes), reply, begin);
   }
 
   grpc::ServerWriteReactor<Bytes>* Prepare(Context* context, const Bytes* bytes) override {
@@ -155,7 +158,7 @@ class DeformService::Methods final : public RawService {
 
   grpc::ServerReadReactor<Bytes>* EstimateLarge(Context* context, Bytes* reply) override {
     return RequestStream::launch(
-        std::make_shared<LargeEstimateCall>(engine_, options_.max_setup_bytes, incoming(Role::use, context), reply, estimates_));
+        std::make_shared<LargeEstimateCall>(engine_, options_.max_setup_bytes, incoming(Role::use, context), reply, pool_));
   }
 
   grpc::ServerBidiReactor<Bytes, Bytes>* PrepareLarge(Context* context) override {
@@ -290,9 +293,8 @@ class DeformService::Methods final : public RawService {
   // under streams_mutex_
   std::map<DeformStreamCall*, std::weak_ptr<DeformStreamCall>> streams_;
   bool draining_ = false;
-  // last: their threads end before the rest goes
+  // last: its threads end before the rest goes
   ThreadPool pool_;
-  ThreadPool estimates_;  ///< select regions for seconds: nothing else waits for them
   AdminService admin_;
 };
 

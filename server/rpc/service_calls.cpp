@@ -21,15 +21,6 @@ constexpr std::size_t setup_piece_bytes = 768 * 1024;
 /// Of one stage; a new stage is always reported.
 constexpr std::chrono::milliseconds progress_interval{100};
 
-/// The value of an outcome, whose statistics are recorded; throws its error.
-template <typename T>
-T taken(Engine::Outcome<T>& outcome, CallRecord& record, const char* what) {
-  note_stats(outcome.stats, record);
-  if (outcome.error) throw *outcome.error;
-  if (!outcome.value) throw Error(ErrorCode::internal, std::string(what) + " ended with neither a result nor an error");
-  return std::move(*outcome.value);
-}
-
 Error incomplete(const char* what) { return {ErrorCode::invalid_argument, std::string("the stream ended before ") + what}; }
 
 }  // namespace

@@ -4,6 +4,8 @@
 #include <grpcpp/server_context.h>
 
 #include <memory>
+#include <string>
+#include <utility>
 
 #include "server/rpc/reactors.h"
 #include "server/rpc/service_messages.h"
@@ -18,6 +20,15 @@ Request received(const grpc::ByteBuffer& bytes, CallRecord& record) {
   Request request;
   parse(bytes, request);
   return request;
+}
+
+/// The value of an outcome, whose statistics are recorded; throws its error.
+template <typename T>
+T taken(Engine::Outcome<T>& outcome, CallRecord& record, const char* what) {
+  note_stats(outcome.stats, record);
+  if (outcome.error) throw Error(*outcome.error);
+  if (!outcome.value) throw Error(ErrorCode::internal, std::string(what) + " ended with neither a result nor an error");
+  return std::move(*outcome.value);
 }
 
 /// The streaming calls of the service, one class per shape of call; service.cpp launches them. Each follows the same five steps:

@@ -3,6 +3,7 @@
 
 #include <fcntl.h>
 
+#include <algorithm>
 #include <cstring>
 #include <vector>
 
@@ -22,6 +23,25 @@ constexpr char tag_with_cells[] = "deform.geometry.2";
 codec::GeometryView view(const Mesh& mesh, std::vector<codec::GroupView>& groups) {
   for (const auto& group : mesh.groups) groups.push_back({group.name, group.points, group.faces});
   return {mesh.points, mesh.face_sizes, mesh.face_points, groups, mesh.cells_view()};
+}
+
+/// Passes the content of a mesh on in pieces.
+void visit_pieces(const Mesh& mesh, const char* stage, const RunContext& context, const codec::ByteSink& sink) {
+  std::vector<codec::GroupView> groups;
+  const auto total = static_cast<double>(mesh_bytes(mesh));
+  std::size_t done = 0, told = 0;
+  codec::visit_geometry_bytes(view(mesh, groups), [&](const void* data, std::size_t size) {
+    const auto* bytes = static_cast<const char*>(data);
+    for (std::size_t first = 0; first < size; first += content_piece) {
+      const std::size_t piece = std::min(content_piece, size - first);
+      sink(bytes + first, piece);
+      done += piece;
+      if (done - told < content_piece) continue;
+      told = done;
+      context.progress(stage, std::min(1.0, static_cast<double>(done) / total));
+      context.check();
+    }
+  });
 }
 
 /// Reads arrays and hashes what it reads; nothing is allocated that the file is too short for.
@@ -96,32 +116,32 @@ std::size_t mesh_bytes(const Mesh& mesh) {
   return bytes;
 }
 
-std::string mesh_id(const Mesh& mesh) {
-  std::vector<codec::GroupView> groups;
-  return codec::geometry_id(view(mesh, groups));
+std::string mesh_id(const Mesh& mesh, const RunContext& context) {
+  codec::Sha256 hash;
+  context.check();
+  visit_pieces(mesh, "hash", context, [&](const void* data, std::size_t size) { hash.add(data, size); });
+  return hash.hex();
 }
 
-void write_geometry_file(const Mesh& mesh, const std::filesystem::path& path, FileSystem& files) {
+void write_geometry_file(const Mesh& mesh, const std::filesystem::path& path, FileSystem& files, const RunContext& context) {
   try {
+    context.check();
     const File file(files, path, O_WRONLY | O_CREAT | O_EXCL);
-    std::vector<codec::GroupView> groups;
     std::vector<char> buffer;  // joins the small pieces
-    constexpr std::size_t buffer_size = 1u << 20;
     const auto flush = [&] {
       file.write(buffer.data(), buffer.size());
       buffer.clear();
     };
-    codec::visit_geometry_bytes(view(mesh, groups), [&](const void* data, std::size_t size) {
-      if (buffer.size() + size > buffer_size) flush();
-      if (size > buffer_size) {
-        file.write(data, size);
-      } else {
-        const auto* bytes = static_cast<const char*>(data);
-        buffer.insert(buffer.end(), bytes, bytes + size);
-      }
+    visit_pieces(mesh, "write", context, [&](const void* data, std::size_t size) {
+      if (buffer.size() + size > content_piece) flush();
+      if (size == content_piece) return file.write(data, size);
+      const auto* bytes = static_cast<const char*>(data);
+      buffer.insert(buffer.end(), bytes, bytes + size);
     });
     flush();
+    context.check();
     file.sync();
+    context.check();  // nobody sees it yet
   } catch (...) {
     try_remove(files, path);
     throw;

@@ -115,7 +115,7 @@ void GeometryStore::count_again(const std::string& tenant) {
 
 // ---- geometries ----
 
-v1::GeometryInfo GeometryStore::put(const Mesh& mesh, const OwnedId& id, const std::string& name, const Quota& quota) {
+v1::GeometryInfo GeometryStore::put(const Mesh& mesh, const OwnedId& id, const std::string& name, const PutTerms& terms) {
   if (auto info = registered(id)) {
     info->set_existed(true);
     return *info;
@@ -124,12 +124,15 @@ v1::GeometryInfo GeometryStore::put(const Mesh& mesh, const OwnedId& id, const s
   const GeometryRecord record = geometry_record(convert::geometry_info(mesh, id.id, name), unix_ms(), id.tenant);
   // What heals takes no more than there was.
   const bool heals = catalog_->find_geometry(id).has_value();
-  Addition addition(*this, id.tenant, heals ? StoredAmount() : StoredAmount{1, 0, stored_bytes(record)}, quota);
+  Addition addition(*this, id.tenant, heals ? StoredAmount() : StoredAmount{1, 0, stored_bytes(record)}, terms.quota);
   const std::int64_t intent =
       catalog_->begin({Intent::Kind::put, {{Intent::What::geometry, id.id, record.created_ms, record.info, id.tenant}}});
   try {
     step("an upload is announced");
-    const auto known = put_content(mesh, record, intent, addition, heals);
+    const std::filesystem::path temporary = directory_.temporary(key_of(id), intent);
+    write_geometry_file(mesh, temporary, files_, terms.context);
+    step("the content is written");
+    const auto known = put_content(temporary, record, intent, addition, heals);
     v1::GeometryInfo info = recorded_info(known.value_or(record));
     info.set_setups(static_cast<std::uint32_t>(catalog_->setup_count(id)));
     info.set_existed(known.has_value());
@@ -141,12 +144,9 @@ v1::GeometryInfo GeometryStore::put(const Mesh& mesh, const OwnedId& id, const s
 }
 
 /// Returns the record that was there, of a geometry whose file was lost or was put at the same time: it keeps its name.
-std::optional<GeometryRecord> GeometryStore::put_content(const Mesh& mesh, const GeometryRecord& record, std::int64_t intent,
-                                                         Addition& addition, bool heals) {
+std::optional<GeometryRecord> GeometryStore::put_content(const std::filesystem::path& temporary, const GeometryRecord& record,
+                                                         std::int64_t intent, Addition& addition, bool heals) {
   const std::string key = key_of(owned(record));
-  const std::filesystem::path temporary = directory_.temporary(key_of(owned(record)), intent);
-  write_geometry_file(mesh, temporary, files_);
-  step("the content is written");
   const std::lock_guard lock(visibility_);
   move_file(files_, temporary, directory_.geometries() / key);
   share_content(record, intent);

@@ -57,7 +57,7 @@ class GeometryStore : public Store {
   explicit GeometryStore(const std::filesystem::path& directory, StoreOptions options = {});
   ~GeometryStore() override;
 
-  v1::GeometryInfo put(const Mesh& mesh, const OwnedId& id, const std::string& name, const Quota& quota = {}) override;
+  v1::GeometryInfo put(const Mesh& mesh, const OwnedId& id, const std::string& name, const PutTerms& terms = {}) override;
   std::optional<v1::GeometryInfo> registered(const OwnedId& id) override;
   v1::GeometryInfo info(const OwnedId& id) override;
   Mesh load(const OwnedId& id) override;
@@ -93,8 +93,8 @@ class GeometryStore : public Store {
   void finish(const Intent& removal);
   /// What is about to be added to what a tenant has; taken back when it is destroyed before it was kept.
   class Addition;
-  std::optional<GeometryRecord> put_content(const Mesh& mesh, const GeometryRecord& record, std::int64_t intent,
-                                            Addition& addition, bool heals);
+  std::optional<GeometryRecord> put_content(const std::filesystem::path& temporary, const GeometryRecord& record,
+                                            std::int64_t intent, Addition& addition, bool heals);
   void count_again(const std::string& tenant);
   void quarantine(const OwnedId& id);
   void step(const char* what) const { options_.on_step(what); }

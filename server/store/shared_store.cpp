@@ -120,15 +120,15 @@ StoredAmount SharedStore::amount_of(const std::string& tenant) const {
 
 // ---- geometries ----
 
-v1::GeometryInfo SharedStore::put(const Mesh& mesh, const OwnedId& id, const std::string& name, const Quota& quota) {
-  return put(mesh, geometry_record(convert::geometry_info(mesh, id.id, name), catalog_->now_ms(), id.tenant), quota);
+v1::GeometryInfo SharedStore::put(const Mesh& mesh, const OwnedId& id, const std::string& name, const PutTerms& terms) {
+  return put(mesh, geometry_record(convert::geometry_info(mesh, id.id, name), catalog_->now_ms(), id.tenant), terms);
 }
 
 void SharedStore::put_again(const Mesh& mesh, const GeometryRecord& original) {
   put(mesh, geometry_record(recorded_info(original), original.created_ms, original.tenant), {});
 }
 
-v1::GeometryInfo SharedStore::put(const Mesh& mesh, GeometryRecord record, const Quota& quota) {
+v1::GeometryInfo SharedStore::put(const Mesh& mesh, GeometryRecord record, const PutTerms& terms) {
   const OwnedId id = owned(record);
   const auto known = catalog_->find_geometry(id);
   std::optional<std::int64_t> lost;
@@ -146,12 +146,12 @@ v1::GeometryInfo SharedStore::put(const Mesh& mesh, GeometryRecord record, const
   try {
     step("an upload is announced");
     const std::filesystem::path temporary = directory_->temporary(key_of(id), record.put);
-    write_geometry_file(mesh, temporary, files_);
+    write_geometry_file(mesh, temporary, files_, terms.context);
     step("the content is written");
     move_file(files_, temporary, file_of(record));
     sync_directory(files_, directory_->geometries());
     step("the content is in place");
-    const SharedCatalog::Added added = catalog_->add(record, lost, quota);
+    const SharedCatalog::Added added = catalog_->add(record, lost, terms.quota);
     step("the row is written");
     if (added.outcome == SharedCatalog::Added::Outcome::known) {
       Intent removal{Intent::Kind::remove, {{Intent::What::geometry, id.id, 0, {}, id.tenant}}};

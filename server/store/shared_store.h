@@ -54,7 +54,7 @@ class SharedStore : public Store {
   SharedStore(const std::filesystem::path& directory, std::unique_ptr<SharedCatalog> catalog, SharedStoreOptions options = {});
   ~SharedStore() override;
 
-  v1::GeometryInfo put(const Mesh& mesh, const OwnedId& id, const std::string& name, const Quota& quota = {}) override;
+  v1::GeometryInfo put(const Mesh& mesh, const OwnedId& id, const std::string& name, const PutTerms& terms = {}) override;
   std::optional<v1::GeometryInfo> registered(const OwnedId& id) override;
   v1::GeometryInfo info(const OwnedId& id) override;
   Mesh load(const OwnedId& id) override;
@@ -89,7 +89,7 @@ class SharedStore : public Store {
  private:
   static std::unique_ptr<StoreDirectory> open_directory(const std::filesystem::path& path, SharedCatalog& catalog,
                                                         FileSystem& files);
-  v1::GeometryInfo put(const Mesh& mesh, GeometryRecord record, const Quota& quota);
+  v1::GeometryInfo put(const Mesh& mesh, GeometryRecord record, const PutTerms& terms);
   std::filesystem::path file_of(const GeometryRecord& record) const;
   std::filesystem::path file_of(const Intent::Entry& entry) const;
   std::optional<v1::GeometryInfo> described(const GeometryRecord& record, std::size_t setups);

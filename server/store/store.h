@@ -9,6 +9,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "core/base/run_context.h"
@@ -35,6 +36,14 @@ struct StoreOptions {
   Naming naming = Naming::in_full;
 };
 
+/// On what terms a geometry is stored.
+struct PutTerms {
+  PutTerms() = default;
+  PutTerms(const Quota& of_tenant, RunContext of_call = {}) : quota(of_tenant), context(std::move(of_call)) {}
+  Quota quota;
+  RunContext context;  ///< stops it until the content is written and synced, of which nothing is left then
+};
+
 /// What a server has in memory of what is stored, for a store from which others remove, too.
 struct StoreMirror {
   /// Another server, or this one, has removed it: what is in memory of it goes. Must not wait.
@@ -53,8 +62,8 @@ class Store {
   Store& operator=(const Store&) = delete;
 
   /// Stores a validated mesh for a tenant; `existed` of the answer tells whether the tenant had it.
-  /// Throws Error(out_of_budget) without a retry hint beyond the quota.
-  virtual v1::GeometryInfo put(const Mesh& mesh, const OwnedId& id, const std::string& name, const Quota& quota = {}) = 0;
+  /// Throws Error(out_of_budget) without a retry hint beyond the quota, cancelled, deadline_exceeded.
+  virtual v1::GeometryInfo put(const Mesh& mesh, const OwnedId& id, const std::string& name, const PutTerms& terms = {}) = 0;
   /// The row and the file are there.
   bool contains(const OwnedId& id) { return registered(id).has_value(); }
   /// The description of what contains() finds.

@@ -15,7 +15,7 @@ import numpy
 import http2
 from attack import LONG, MIB, Attack, main, resident
 from honest import until_answered
-from deform.v1 import deformation_pb2, geometry_pb2, service_pb2_grpc, setup_pb2
+from deform.v1 import deformation_pb2, detection_pb2, geometry_pb2, service_pb2_grpc, setup_pb2
 
 
 def in_threads(count, action):
@@ -177,19 +177,97 @@ class Selections(Attack):
         self.assertIn(None, in_threads(100, attack), "some are prepared")
 
 
+class LongWork(Attack):
+    """Calls of one client that take seconds each, beside designs that take milliseconds."""
+
+    def test_detections_do_not_keep_designs_waiting(self):
+        """20 at once of a mesh of 200,000 points."""
+        large = register_large(self.stub())
+        stub = self.stub()
+        codes = in_threads(20, lambda _: self.refused(
+            lambda: list(stub.Detect(detection_pb2.DetectRequest(geometry_id=large.id), timeout=15))))
+        self.assertIn(None, codes, "some are answered")
+
+    def test_derivatives_do_not_keep_designs_waiting(self):
+        """Products with 8 fields of 200,000 vectors each, 8 at once, again and again."""
+        large = register_large(self.stub())
+        setup = setup_pb2.Setup(geometry=large.id)
+        setup.method.rbf.SetInParent()
+        for name, first in (("a", 0), ("b", 199_000)):
+            setup.handles.add(name=name).region.ids.extend(range(first, first + 1000))
+            setup.variables.add(name=f"{name}_up", handle=name, translate=[0, 0, 1])
+        stub = self.stub()
+        system = list(stub.Prepare(deformation_pb2.PrepareRequest(setup=setup), timeout=60))[-1].system
+        piece = deformation_pb2.VectorJacobianRequest(cotangent=numpy.ones(120_000, "<f8").tobytes())  # a fifth of a field
+
+        def requests():
+            yield deformation_pb2.VectorJacobianRequest(header=dict(system_id=system.id, variables=[0, 0], cotangents=8))
+            for _ in range(5 * 8):
+                yield piece
+
+        codes = in_threads(8, lambda _: [self.refused(lambda: until_answered(lambda: stub.VectorJacobian(requests(), timeout=30)))
+                                         for _ in range(2)])
+        self.assertIn(None, sum(codes, []), "some are answered")
+
+    def of_spheres(self, geometry, count):
+        setup = setup_pb2.Setup(geometry=geometry)
+        handle = setup.handles.add(name="h")
+        for i in range(count):
+            part = handle.region.union.add()
+            part.sphere.centre.extend([i % 500, i % 400, 0.0])
+            part.sphere.radius = 3
+        return setup
+
+    def test_estimates_of_one_do_not_keep_those_of_others_waiting(self):
+        """One client asks for 60 that take most of a second each and for 4 that take longer; another asks one after the other."""
+        large = register_large(self.stub())
+        greedy, modest = self.stub(), self.stub()
+        many = [self.of_spheres(large.id, 5000 + i) for i in range(4)] + [self.of_spheres(large.id, 500 + i) for i in range(60)]
+        calls = [greedy.Estimate.future(deformation_pb2.EstimateRequest(setup=setup), timeout=20) for setup in many]
+        time.sleep(1)
+        seconds = []
+        while not all(call.done() for call in calls) and len(seconds) < 20:
+            began = time.monotonic()
+            until_answered(lambda: modest.Estimate(deformation_pb2.EstimateRequest(setup=self.setup), timeout=20))
+            seconds.append(time.monotonic() - began)
+        self.assertGreater(len(seconds), 1, "it was to be too much work")
+        self.figures.append(f"estimates of another: {len(seconds)}, at most {max(seconds):.2f} s")
+        if LONG:
+            self.assertLess(max(seconds), 5, "seconds that one of them may take that has begun, on a busy machine")
+        for call in calls:
+            call.cancel()
+        until_answered(lambda: modest.Estimate(deformation_pb2.EstimateRequest(setup=self.of_spheres(large.id, 100)), timeout=10))
+
+    def test_more_regions_than_can_be_looked_at(self):
+        """4 MB of spheres, to be looked for among 200,000 points: 60,000 times 200,000 is beyond --max-setup-work."""
+        large = register_large(self.stub())
+        setup = self.of_spheres(large.id, 60_000).SerializeToString()
+
+        def attack(i):
+            stub = self.stub()
+            if i % 2 == 0:
+                return self.refused(lambda: stub.EstimateLarge(
+                    (deformation_pb2.EstimateLargeRequest.FromString(piece.SerializeToString()) for piece in pieces_of(setup)), timeout=20))
+            return self.refused(lambda: list(stub.PrepareLarge(pieces_of(setup), timeout=20)))
+
+        self.assertLessEqual(set(in_threads(8, attack)), {grpc.StatusCode.INVALID_ARGUMENT, grpc.StatusCode.RESOURCE_EXHAUSTED})
+        self.assertEqual({attack(0), attack(1)}, {grpc.StatusCode.INVALID_ARGUMENT})
+
+
+def pieces_of(setup, count=None):
+    """The messages of a setup; only so many of them."""
+    size = 700_000
+    for i in range(0, len(setup), size)[:count]:
+        message = deformation_pb2.PrepareLargeRequest(setup=setup[i:i + size])
+        if i == 0:
+            message.header.setup.bytes = len(setup)
+        yield message
+
+
 class LargeSetups(Attack):
     """Setups in pieces (EstimateLarge, PrepareLarge), and answers about them."""
 
     options = ["--max-deadline", "20"]
-
-    def pieces(self, setup, count=None):
-        """The messages of a setup; only so many of them."""
-        size = 700_000
-        for i in range(0, len(setup), size)[:count]:
-            message = deformation_pb2.PrepareLargeRequest(setup=setup[i:i + size])
-            if i == 0:
-                message.header.setup.bytes = len(setup)
-            yield message
 
     def of_ids(self, size, seed=0):
         """A setup of so many bytes that fixes the left end again and again."""
@@ -209,7 +287,7 @@ class LargeSetups(Attack):
 
         def attack(i):
             def messages():
-                yield from self.pieces(setup, 40)
+                yield from pieces_of(setup, 40)
                 release.wait(10)
 
             stub = self.stub()
@@ -232,7 +310,7 @@ class LargeSetups(Attack):
 
         def attack(_):
             stub = self.stub()
-            return [self.refused(lambda: list(stub.PrepareLarge(self.pieces(setup), timeout=30))) for _ in range(4)]
+            return [self.refused(lambda: list(stub.PrepareLarge(pieces_of(setup), timeout=30))) for _ in range(4)]
 
         for codes in in_threads(16, attack):
             self.assertNotIn(None, codes)
@@ -242,7 +320,7 @@ class LargeSetups(Attack):
         def attack(i):
             stub, setup = self.stub(), self.of_ids(4_000_000, i)
             for _ in range(3):
-                until_answered(lambda: list(stub.PrepareLarge(self.pieces(setup), timeout=30)))
+                until_answered(lambda: list(stub.PrepareLarge(pieces_of(setup), timeout=30)))
             for system in stub.ListSystems(deformation_pb2.ListSystemsRequest(), timeout=30).systems:
                 self.assertLess(system.ByteSize(), MIB)
                 self.refused(lambda: stub.GetSystem(deformation_pb2.GetSystemRequest(id=system.id), timeout=30))

@@ -41,6 +41,20 @@ TEST_P(AnyStore, points_only_is_a_geometry_too) {
   EXPECT_EQ(store->load(own(id)).points, cloud.points);
 }
 
+TEST_P(AnyStore, what_is_cancelled_leaves_nothing) {
+  std::stop_source stop;
+  RunContext context;
+  context.stop = stop.get_token();
+  stop.request_stop();
+  const std::string id = mesh_id(mesh);
+  EXPECT_EQ(code_of([&] { store->put(mesh, own(id), "first", {Quota(), context}); }), ErrorCode::cancelled);
+  EXPECT_FALSE(store->contains(own(id)));
+  EXPECT_EQ(store->catalog().counts().geometries, 0u);
+  EXPECT_EQ(store->amount_of(default_tenant).bytes, 0u);
+  EXPECT_FALSE(fs::exists(file(id)));
+  EXPECT_FALSE(store->put(mesh, own(id), "first").existed());
+}
+
 TEST_P(AnyStore, putting_twice_costs_nothing_and_says_so) {
   const std::string id = mesh_id(mesh);
   EXPECT_FALSE(store->put(mesh, own(id), "first").existed());

@@ -228,12 +228,12 @@ TEST_F(DeformCallTest, the_callers_stop_is_seen_while_queued) {
   CallContext context;
   context.stop = stop.get_token();
   const auto job = begin(task(1), context);
-  EXPECT_EQ(scheduler->load().waiting, 1u);
+  EXPECT_EQ(scheduler->load().waiting_for_preparation, 1u);
   stop.request_stop();
   v1::DeformReply reply;
   EXPECT_TRUE(eventually([&] { return job->poll(reply) == Poll::done; }));
   EXPECT_EQ(job->error()->code(), ErrorCode::cancelled);
-  EXPECT_EQ(scheduler->load().waiting, 0u) << "out of the queue at once, not when its turn comes";
+  EXPECT_EQ(scheduler->load().waiting_for_preparation, 0u) << "out of the queue at once, not when its turn comes";
 }
 
 TEST_F(DeformCallTest, deadlines_pass_while_queued_while_computing_and_while_nobody_reads) {

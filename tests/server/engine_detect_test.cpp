@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Detection through the engine: what comes, in pieces, and what is refused.
+#include <atomic>
 #include <cstring>
 #include <set>
 #include <string>
@@ -112,6 +113,37 @@ TEST_F(EngineDetect, BadRequests) {
   refused({"kinds[0]", "77"}, [](auto& r) { r.add_kinds(static_cast<v1::PrimitiveKind>(77)); });
   request.set_geometry_id(std::string(64, 'f'));
   expect_error(ErrorCode::not_found, {}, [&] { detect(request); });
+}
+
+// With both threads for preparations busy: detections wait for one, and the only worker goes on with what is in memory.
+TEST_F(EngineDetect, TakesATurnAmongPreparationsAndNoWorker) {
+  options.workers = 1;
+  reopen();
+  const std::string geometry = register_mesh(sheet_mesh(30, 30)).id();
+  const std::string system = prepare(sheet_setup(geometry)).id();
+  StandingPreparations standing(*engine, options, geometry);
+  v1::DetectRequest request;
+  request.set_geometry_id(geometry);
+  std::atomic<int> detected{0};
+  std::stop_source stop;
+  CallContext given_up;
+  given_up.stop = stop.get_token();
+  std::vector<Waiter<Engine::DetectReplies>> detections(3);
+  for (std::size_t i = 0; i < detections.size(); ++i) {
+    const auto note = [&, done = detections[i].callback()](Engine::Outcome<Engine::DetectReplies> outcome) {
+      if (outcome.value) ++detected;
+      done(std::move(outcome));
+    };
+    engine->detect(request, i == 0 ? given_up : CallContext(), note);
+  }
+  EXPECT_EQ(deform(request_for(system, {{0.1, 0.1}})).results.size(), 1u);
+  EXPECT_EQ(detected, 0) << "a worker took it, before the design";
+  stop.request_stop();
+  expect_error(ErrorCode::cancelled, {}, [&] { detections[0].value(); });
+  EXPECT_EQ(engine->info().queue_length(), 2 + 2u) << "what waits for a thread can be cancelled";
+  standing.go_on();
+  for (std::size_t i = 1; i < detections.size(); ++i) EXPECT_FALSE(detections[i].value()->empty());
+  EXPECT_EQ(detected, 2);
 }
 
 TEST_F(EngineDetect, CancelledBeforeItStarts) {

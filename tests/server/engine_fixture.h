@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <condition_variable>
 #include <cstring>
 #include <memory>
@@ -61,6 +62,12 @@ class EngineFixture : public testing::Test {
           stages.push_back(progress.stage());
         },
         waiter.callback());
+    return waiter.value();
+  }
+
+  v1::EstimateReply estimate(const v1::EstimateRequest& request, const CallContext& call = {}) {
+    Waiter<v1::EstimateReply> waiter;
+    engine->estimate(request, call, waiter.callback());
     return waiter.value();
   }
 
@@ -164,6 +171,37 @@ class EngineFixture : public testing::Test {
       bool rung = false;
     };
     std::shared_ptr<State> state_ = std::make_shared<State>();
+  };
+
+  /// Preparations that stand at a gate, one on each thread for them: what comes later waits until it opens.
+  class StandingPreparations {
+   public:
+    StandingPreparations(Engine& engine, const EngineOptions& options, const std::string& geometry)
+        : prepared_(static_cast<std::size_t>(std::max(1, options.workers / 2) + 1)) {
+      for (std::size_t i = 0; i < prepared_.size(); ++i) {
+        v1::PrepareRequest request;
+        *request.mutable_setup() = sheet_setup(geometry);
+        request.mutable_setup()->set_seed(1000 + i);
+        const auto stand = [gate = gate_](const v1::Progress& progress) {
+          if (progress.stage() != "queue") gate->pass();
+        };
+        CallContext call;
+        call.client = "standing";
+        engine.prepare(request, call, stand, prepared_[i].callback());
+      }
+      EXPECT_TRUE(eventually([&] { return gate_->waiting() == static_cast<int>(prepared_.size()); }));
+    }
+    ~StandingPreparations() { gate_->open(); }
+    StandingPreparations(const StandingPreparations&) = delete;
+    StandingPreparations& operator=(const StandingPreparations&) = delete;
+    void go_on() {
+      gate_->open();
+      for (auto& each : prepared_) each.value();
+    }
+
+   private:
+    const std::shared_ptr<Gate> gate_ = std::make_shared<Gate>();
+    std::vector<Waiter<v1::SystemInfo>> prepared_;
   };
 
  private:

@@ -61,7 +61,7 @@ TEST_F(EngineInputTest, ids_everywhere) {
        [&](const std::string& id) {
          v1::EstimateRequest request;
          *request.mutable_setup() = sheet_setup(id);
-         engine->estimate(request, {});
+         EngineFixture::estimate(request, {});
        }},
       {"prepare", [&](const std::string& id) { prepare(sheet_setup(id)); }},
       {"jacobian_vector",
@@ -112,7 +112,7 @@ TEST_F(EngineInputTest, setups) {
     expect_error(ErrorCode::invalid_argument, parts, [&] { prepare(setup); });
     v1::EstimateRequest request;
     *request.mutable_setup() = setup;
-    expect_error(ErrorCode::invalid_argument, parts, [&] { engine->estimate(request, {}); });
+    expect_error(ErrorCode::invalid_argument, parts, [&] { EngineFixture::estimate(request, {}); });
   };
   refused({}, [](auto& s) { s.clear_handles(); });
   refused({"geometry"}, [](auto& s) { s.clear_geometry(); });

@@ -12,7 +12,7 @@ class EngineProblems : public EngineFixture {
     v1::EstimateRequest request;
     *request.mutable_setup() = setup;
     request.set_list_problems(true);
-    return engine->estimate(request, {});
+    return EngineFixture::estimate(request, {});
   }
   std::vector<std::string> fields(const v1::Setup& setup) {
     std::vector<std::string> result;
@@ -50,7 +50,8 @@ TEST_F(EngineProblems, WhatCannotBeReadAndWhatIsRefusedAreToldTogether) {
                                             "variables[" + last + "]", "constraints[0]", "constraints[1]"));
   v1::EstimateRequest plain;
   *plain.mutable_setup() = setup;
-  test::expect_error(ErrorCode::invalid_argument, {"handles[", "region", "is missing"}, [&] { engine->estimate(plain, {}); });
+  test::expect_error(ErrorCode::invalid_argument, {"handles[", "region", "is missing"},
+                     [&] { EngineFixture::estimate(plain, {}); });
 }
 
 TEST_F(EngineProblems, RegionsOfControlPointsAreNotJudgedWithoutTheirLattice) {

@@ -316,6 +316,58 @@ TEST_F(EngineTest, a_large_setup_is_charged_and_told_by_a_call_of_its_own) {
   EXPECT_EQ(engine->info().memory_in_use(), 0u);
 }
 
+TEST_F(EngineTest, what_waits_for_preparations_leaves_room_for_what_is_there) {
+  options.workers = 1;
+  options.queue_limit = 8;
+  reopen();
+  prepare(sheet_setup(geometry.id()));
+  StandingPreparations standing(*engine, options, geometry.id());
+  v1::PrepareRequest request;
+  *request.mutable_setup() = sheet_setup(geometry.id());
+  std::vector<std::unique_ptr<Waiter<v1::SystemInfo>>> prepared;
+  v1::EstimateRequest question;
+  *question.mutable_setup() = request.setup();
+  v1::DetectRequest detection;
+  detection.set_geometry_id(geometry.id());
+  CallContext call;
+  for (int i = 0; i < 60; ++i) {
+    call.client = "client " + std::to_string(i);
+    request.mutable_setup()->set_seed(static_cast<std::uint64_t>(i) + 1);
+    auto waiter = std::make_unique<Waiter<v1::SystemInfo>>();
+    try {
+      engine->prepare(request, call, {}, waiter->callback());
+      prepared.push_back(std::move(waiter));
+    } catch (const Error& error) {
+      EXPECT_EQ(error.code(), ErrorCode::out_of_budget);
+      EXPECT_GT(error.retry_after_ms(), 0u);
+    }
+  }
+  EXPECT_EQ(prepared.size(), 6u) << "of eight places two are taken by those who stand";
+  const v1::ServerInfo full = engine->info();
+  EXPECT_EQ(full.queue_length(), 8u);
+  EXPECT_EQ(full.preparation_queue_length(), 8u);
+  const auto nobody = [](const auto&) { ADD_FAILURE() << "it was let in"; };
+  expect_error(ErrorCode::out_of_budget, {"queue for preparations is full"}, [&] { engine->estimate(question, call, nobody); });
+  expect_error(ErrorCode::out_of_budget, {"queue for preparations is full"}, [&] { engine->detect(detection, call, nobody); });
+  v1::PrepareRequest known;
+  *known.mutable_setup() = sheet_setup(geometry.id());
+  for (int i = 0; i < 20; ++i) EXPECT_EQ(deform(request_for(system.id(), {{0.1, 0.1}}), call).results.size(), 1u);
+  EXPECT_EQ(prepare(known.setup(), call).id(), system.id()) << "nor does what is prepared already wait";
+  standing.go_on();
+  for (auto& each : prepared) each->value();
+  EXPECT_TRUE(eventually([&] { return engine->info().queue_length() == 0; }));
+}
+
+TEST_F(EngineTest, a_cancelled_call_converts_no_setup) {
+  std::stop_source stop;
+  stop.request_stop();
+  CallContext call;
+  call.stop = stop.get_token();
+  v1::Setup setup = sheet_setup(std::string(64, 'f'));
+  expect_error(ErrorCode::not_found, {}, [&] { prepare(setup); });
+  expect_error(ErrorCode::cancelled, {}, [&] { prepare(setup, call); });
+}
+
 TEST_F(EngineTest, an_estimate_is_a_call_that_computes) {
   v1::EstimateRequest request;
   *request.mutable_setup() = sheet_setup(geometry.id());
@@ -323,23 +375,68 @@ TEST_F(EngineTest, an_estimate_is_a_call_that_computes) {
   CallContext call;
   call.open = calls.open({}, {});
   EXPECT_EQ(calls.list({}, 0, 10).calls(0).state(), v1::CALL_OPEN);
-  engine->estimate(request, call);
+  EngineFixture::estimate(request, call);
   EXPECT_EQ(calls.list({}, 0, 10).calls(0).state(), v1::CALL_RUNNING);
   std::stop_source stop;
   call.stop = stop.get_token();
   stop.request_stop();
-  expect_error(ErrorCode::cancelled, {"caller"}, [&] { engine->estimate(request, call); });
+  expect_error(ErrorCode::cancelled, {"caller"}, [&] { EngineFixture::estimate(request, call); });
   CallContext late;
   late.deadline = RunContext::Clock::now();
-  expect_error(ErrorCode::deadline_exceeded, {}, [&] { engine->estimate(request, late); });
+  expect_error(ErrorCode::deadline_exceeded, {}, [&] { EngineFixture::estimate(request, late); });
   EXPECT_TRUE(engine->drain(std::chrono::seconds(60))) << "no estimate is left among the calls";
-  expect_error(ErrorCode::unavailable, {"shutting down"}, [&] { engine->estimate(request, {}); });
+  expect_error(ErrorCode::unavailable, {"shutting down"}, [&] { EngineFixture::estimate(request, {}); });
+}
+
+// With all threads for preparations busy: estimates wait for one, hold no worker, count as calls and can be cancelled.
+TEST_F(EngineTest, estimates_take_a_turn_among_preparations) {
+  options.workers = 1;
+  reopen();
+  prepare(sheet_setup(geometry.id()));
+  StandingPreparations standing(*engine, options, geometry.id());
+  v1::EstimateRequest request;
+  *request.mutable_setup() = sheet_setup(geometry.id());
+  request.set_list_centres(true);
+  std::stop_source stop;
+  CallContext call;
+  call.client = "a";
+  call.quota.calls = 4;  // of which two stand
+  CallContext given_up = call;
+  given_up.stop = stop.get_token();
+  Waiter<v1::EstimateReply> first, second, third;
+  std::atomic<int> done{0};
+  const auto noted = [&](Waiter<v1::EstimateReply>& waiter) {
+    return [&done, callback = waiter.callback()](Engine::Outcome<v1::EstimateReply> outcome) {
+      if (outcome.value) ++done;
+      callback(std::move(outcome));
+    };
+  };
+  engine->estimate(request, given_up, noted(first));
+  engine->estimate(request, call, noted(second));
+  expect_error(ErrorCode::out_of_budget, {"quota calls"}, [&] { EngineFixture::estimate(request, call); });
+  EXPECT_EQ(deform(request_for(system.id(), {{0.1, 0.1}})).results.size(), 1u) << "a worker is free";
+  EXPECT_EQ(done, 0);
+  EXPECT_EQ(engine->info().preparation_queue_length(), 2 + 2u);
+  stop.request_stop();
+  expect_error(ErrorCode::cancelled, {}, [&] { first.value(); });
+  EXPECT_TRUE(eventually([&] {  // it counts until it has been told
+    try {
+      engine->estimate(request, call, noted(third));
+      return true;
+    } catch (const Error&) {
+      return false;
+    }
+  }));
+  standing.go_on();
+  EXPECT_EQ(second.value().system_id(), system.id());
+  EXPECT_GT(third.value().centre_steps_size(), 0);
+  EXPECT_EQ(done, 2);
 }
 
 TEST_F(EngineTest, estimates_bound_what_is_used) {
   v1::EstimateRequest request;
   *request.mutable_setup() = sheet_setup(geometry.id());
-  const v1::EstimateReply estimate = engine->estimate(request, {});
+  const v1::EstimateReply estimate = EngineFixture::estimate(request, {});
   EXPECT_EQ(estimate.system_id(), system.id());
   EXPECT_TRUE(estimate.resident());
   EXPECT_TRUE(estimate.fits());
@@ -496,7 +593,7 @@ TEST_F(EngineTest, bodies_that_nothing_holds_are_noted) {
   };
   v1::EstimateRequest request;
   *request.mutable_setup() = setup;
-  EXPECT_TRUE(noted(engine->estimate(request, {}).notes()));
+  EXPECT_TRUE(noted(EngineFixture::estimate(request, {}).notes()));
   EXPECT_TRUE(noted(prepare(setup).notes()));
   EXPECT_FALSE(noted(system.notes()));
 }

@@ -4,11 +4,19 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <filesystem>
+#include <functional>
 #include <limits>
+#include <map>
+#include <string>
+#include <vector>
 
 #include "core/base/error.h"
 #include "server/store/geometry_file.h"
+#include "tests/server/server_fakes.h"
 #include "tests/server/volume_mesh.h"
+#include "tests/support/expect_error.h"
 
 namespace deform::server {
 namespace {
@@ -69,6 +77,41 @@ TEST_F(UploadBufferTest, memory_is_charged_and_given_back) {
     EXPECT_EQ(memory.in_use(), charge.bytes());
   }
   EXPECT_EQ(memory.in_use(), 0u);
+}
+
+// The content is hashed and written piece by piece: what is cancelled ends with the piece that it is at, and leaves no file.
+TEST_F(UploadBufferTest, a_cancel_stops_the_hash_and_the_file_within_a_piece) {
+  Mesh large;
+  large.points.resize(10 * content_piece / sizeof(Vec3));
+  const TemporaryDirectory directory;
+  const auto path = directory.path() / "geometry";
+  const std::map<std::string, std::function<void(const RunContext&)>> works{
+      {"hash", [&](const RunContext& context) { mesh_id(large, context); }},
+      {"write", [&](const RunContext& context) { write_geometry_file(large, path, system_files(), context); }}};
+  for (const auto& [stage, work] : works) {
+    for (const std::size_t last : {0, 1, 4}) {
+      std::stop_source stop;
+      std::vector<double> fractions;
+      RunContext context;
+      context.stop = stop.get_token();
+      context.on_progress = [&](const std::string& of, double fraction) {
+        EXPECT_EQ(of, stage);
+        fractions.push_back(fraction);
+        if (fractions.size() == last) stop.request_stop();
+      };
+      if (last == 0) stop.request_stop();
+      test::expect_error(ErrorCode::cancelled, {}, [&] { work(context); });
+      EXPECT_EQ(fractions.size(), last) << "pieces";
+      EXPECT_TRUE(std::is_sorted(fractions.begin(), fractions.end()));
+      EXPECT_FALSE(std::filesystem::exists(path));
+    }
+    std::size_t pieces = 0;
+    RunContext context;
+    context.on_progress = [&](const std::string&, double) { ++pieces; };
+    work(context);
+    EXPECT_EQ(pieces, 10u);
+  }
+  EXPECT_EQ(mesh_id(read_geometry_file(path, mesh_id(large))), mesh_id(large));
 }
 
 TEST_F(UploadBufferTest, claims_beyond_the_memory_are_refused_at_the_header) {

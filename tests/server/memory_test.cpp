@@ -179,6 +179,7 @@ TEST(TenantShare, requests_uploads_and_answers_of_a_tenant_count_together) {
   } catch (const Error& error) {
     EXPECT_EQ(error.code(), ErrorCode::out_of_budget);
     EXPECT_GT(error.retry_after_ms(), 0u);
+    EXPECT_EQ(error.refusal(), Refusal::quota);
     const std::string why = error.what();
     for (const char* part : {"quota bytes-in-flight of tenant \"acme\"", "21.0 MiB", "80.0 MiB", "100.0 MiB"}) {
       EXPECT_NE(why.find(part), std::string::npos) << why;

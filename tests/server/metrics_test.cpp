@@ -123,7 +123,8 @@ TEST(Metrics, LevelsAreThoseOfTheMoment) {
   levels.server.set_version("1.2.3");
   levels.server.set_uptime_ms(2500);
   levels.server.set_memory_budget(1u << 20);
-  levels.server.set_queue_length(7);
+  levels.server.set_queue_length(12);
+  levels.server.set_preparation_queue_length(5);
   levels.server.mutable_store()->set_free_bytes(4096);
   levels.bases = {11, 12, 13, 14, 15};
   levels.memory_full = true;
@@ -135,6 +136,7 @@ TEST(Metrics, LevelsAreThoseOfTheMoment) {
   EXPECT_THAT(text, HasSubstr("deformd_uptime_seconds 2.5\n"));
   EXPECT_THAT(text, HasSubstr("deformd_memory_budget_bytes 1048576\n"));
   EXPECT_THAT(text, HasSubstr("deformd_queue_length 7\n"));
+  EXPECT_THAT(text, HasSubstr("deformd_preparation_queue_length 5\n"));
   EXPECT_THAT(text, HasSubstr("deformd_store_free_bytes 4096\n"));
   EXPECT_THAT(text, HasSubstr("deformd_store_writable 0\n"));
   EXPECT_THAT(text, HasSubstr("deformd_bases_restored_total 11\n"));

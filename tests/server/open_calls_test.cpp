@@ -126,6 +126,11 @@ class OperatedEngine : public EngineFixture {
     const auto reply = calls.list({}, 0, all);
     return reply.calls_size() == 1 ? reply.calls(0) : v1::CallInfo();
   }
+  /// Of the only one, once those before it are gone.
+  double cost() {
+    EXPECT_TRUE(eventually([&] { return calls.size() == 1; }));
+    return only().cost();
+  }
   OpenCalls calls;
 };
 
@@ -165,6 +170,49 @@ TEST_F(OperatedEngine, EndsADeformationThatWaitsForItsReader) {
   calls.end(only().id(), {}, by_operator);
   ASSERT_TRUE(eventually([&] { return job->error().has_value(); }));
   EXPECT_STREQ(job->error()->what(), "the operator says so");
+}
+
+TEST_F(OperatedEngine, DerivativesCountOncePerCotangent) {
+  const std::string system = prepare(sheet_setup(register_mesh(sheet_mesh(40, 30)).id())).id();
+  const auto cost_of = [&](std::uint32_t cotangents) {
+    v1::VectorJacobianHeader header;
+    header.set_system_id(system);
+    header.set_cotangents(cotangents);
+    const CallContext call = listed("VectorJacobian");
+    Waiter<v1::VectorJacobianReply> waiter;
+    engine->vector_jacobian(header, Points(std::max(1u, cotangents) * 40 * 30), call, waiter.callback());
+    waiter.value();
+    return cost();
+  };
+  EXPECT_EQ(cost_of(0), 40 * 30 + Scheduler::least_cost);
+  EXPECT_EQ(cost_of(70), 70 * (40 * 30 + Scheduler::least_cost));
+}
+
+TEST_F(OperatedEngine, DesignsWithConstraintsCountForTheTimeThatTheyTake) {
+  v1::Setup setup = sheet_setup(register_mesh(sheet_mesh(40, 30)).id());
+  setup.mutable_method()->mutable_shell();
+  auto& constraint = *setup.add_constraints();
+  constraint.set_name("flat");
+  constraint.mutable_planar();
+  auto& box = *constraint.add_regions()->mutable_box();
+  for (const double x : {0.4, 0.2, -1.0}) box.add_min(x);
+  for (const double x : {0.6, 0.8, 1.0}) box.add_max(x);
+  const v1::SystemInfo prepared = prepare(setup);
+  ASSERT_GT(prepared.design_seconds(), 1e-4);
+  const auto costs = [&] {
+    const CallContext call = listed("Deform");
+    deform(request_for(prepared.id(), {{0.01, 0.01}, {0.02, 0.01}}), call);
+    EXPECT_NEAR(cost(), 2 * (40 * 30 + Scheduler::least_cost + 1e7 * prepared.design_seconds()), 1e-3);
+  };
+  costs();
+  v1::ReleaseSystemRequest release;
+  release.set_id(prepared.id());
+  engine->release_system(release, {});
+  costs();
+  // Preparing what is there is no work.
+  const CallContext call = listed("Prepare");
+  prepare(setup, call);
+  EXPECT_EQ(cost(), Scheduler::least_cost);
 }
 
 TEST_F(OperatedEngine, EvictsOneSystemOrAllOfATenantOrAll) {

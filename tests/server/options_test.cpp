@@ -115,6 +115,7 @@ TEST_F(Options, EveryOptionCanBeSetInEveryWay) {
                                                      {"max-groups", "17"},
                                                      {"max-designs", "18"},
                                                      {"max-handles", "19"},
+                                                     {"max-setup-work", "34"},
                                                      {"block-points", "1024"},
                                                      {"max-open-requests", "20"},
                                                      {"max-running-requests", "21"},

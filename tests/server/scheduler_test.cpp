@@ -82,6 +82,35 @@ TEST(Scheduler, clients_that_take_all_leave_places_for_others) {
   }
 }
 
+TEST(Scheduler, what_waits_for_a_preparation_has_places_of_its_own) {
+  using Queue = Scheduler::Queue;
+  Scheduler scheduler(options(1, 10));
+  std::vector<Scheduler::Place> places;
+  for (int i = 0; i < 10; ++i) places.push_back(scheduler.enter("p" + std::to_string(i), Queue::preparations));
+  EXPECT_EQ(scheduler.load().waiting_for_preparation, 10u);
+  EXPECT_EQ(scheduler.load().waiting, 0u);
+  try {
+    scheduler.enter("q", Queue::preparations);
+    FAIL();
+  } catch (const Error& error) {
+    EXPECT_NE(std::string(error.what()).find("queue for preparations is full: 10 "), std::string::npos) << error.what();
+  }
+  // Nor does one client's share of the one count in the other.
+  for (int i = 0; i < 9; ++i) places.push_back(scheduler.enter("p0", Queue::workers));
+  EXPECT_EQ(scheduler.load().waiting, 9u);
+  EXPECT_THROW(scheduler.enter("p0", Queue::workers), Error);
+  Scheduler::Place moved = std::move(places[0]);
+  places[0] = Scheduler::Place();
+  EXPECT_EQ(scheduler.load().waiting_for_preparation, 10u);
+  moved = scheduler.enter("s");
+  EXPECT_EQ(scheduler.load().waiting_for_preparation, 9u);
+  EXPECT_EQ(scheduler.load().waiting, 10u);
+  moved.leave();
+  places.clear();
+  EXPECT_EQ(scheduler.load().waiting_for_preparation, 0u);
+  EXPECT_EQ(scheduler.load().waiting, 0u);
+}
+
 TEST(Scheduler, clients_take_turns) {
   Scheduler scheduler(options(1, 256, 1));
   Gate gate;
@@ -328,6 +357,38 @@ TEST(Scheduler, long_preparations_of_clients_take_turns) {
   gate.open();
   scheduler.stop();
   EXPECT_EQ(order, "bbacaaa");
+}
+
+TEST(Scheduler, short_preparations_of_clients_take_turns) {
+  Scheduler scheduler(options(1));
+  Gate gate;
+  int owner = 0, gone = 0;
+  std::mutex mutex;
+  std::string order;
+  const auto add = [&](char client, double seconds) {
+    scheduler.prepare(std::string(1, client), &owner, seconds, [&, client] {
+      const std::lock_guard lock(mutex);
+      order += client;
+    });
+  };
+  Gate long_one;  // so that one thread takes all the short ones
+  scheduler.prepare("z", &owner, 100, [&] { long_one.pass(); });
+  ASSERT_TRUE(eventually([&] { return long_one.waiting() == 1; }));
+  scheduler.prepare("z", &owner, 1, [&] { gate.pass(); });
+  ASSERT_TRUE(eventually([&] { return gate.waiting() == 1; }));
+  for (int i = 0; i < 4; ++i) add('a', 0);  // counts for as much as a short one takes at least
+  for (int i = 0; i < 2; ++i) add('b', 0);
+  scheduler.prepare("b", &gone, 1, [&] { ADD_FAILURE() << "it was removed"; });
+  scheduler.remove(&gone);
+  add('c', 1);
+  gate.open();
+  ASSERT_TRUE(eventually([&] {
+    const std::lock_guard lock(mutex);
+    return order.size() == 7;
+  }));
+  EXPECT_EQ(order, "ababaac");
+  long_one.open();
+  scheduler.stop();
 }
 
 TEST(Scheduler, removed_work_never_runs) {

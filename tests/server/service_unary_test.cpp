@@ -3,8 +3,12 @@
 #include <grpcpp/generic/generic_stub.h>
 
 #include <condition_variable>
+#include <functional>
+#include <future>
 #include <mutex>
 #include <thread>
+#include <utility>
+#include <vector>
 
 #include "server/rpc/status.h"
 #include "tests/server/ended_with.h"
@@ -59,6 +63,48 @@ TEST_P(ServiceUnary, CallsEndByTheTimeThatTheServerAllows) {
   v1::DeformReply reply;
   EXPECT_TRUE(stream->Read(&reply));
   EXPECT_TRUE(stream->Finish().ok());
+}
+
+// With one thread for calls: estimates that wait hold none, end when their clients leave, and are answered when it is their turn.
+TEST_P(ServiceUnary, EstimatesThatWaitHoldNoThread) {
+  ServiceOptions options;
+  options.call_threads = 1;
+  using Done = std::function<void(Engine::Outcome<v1::EstimateReply>)>;
+  std::mutex mutex;
+  std::vector<std::pair<CallContext, Done>> waiting;
+  engine.on_estimate = [&](const v1::EstimateRequest&, const CallContext& call, Done done) {
+    const std::lock_guard lock(mutex);
+    waiting.emplace_back(call, std::move(done));
+  };
+  start(options);
+  grpc::ClientContext contexts[3];
+  std::vector<std::future<grpc::Status>> estimates;
+  v1::EstimateReply replies[3];
+  for (int i = 0; i < 3; ++i) {
+    estimates.push_back(std::async(std::launch::async, [&, i] {
+      v1::EstimateRequest request;
+      request.mutable_setup()->set_geometry(std::to_string(i));
+      return stub->Estimate(&contexts[i], request, &replies[i]);
+    }));
+    EXPECT_TRUE(support::eventually([&] {
+      const std::lock_guard lock(mutex);
+      return waiting.size() == static_cast<std::size_t>(i) + 1;
+    }));
+  }
+  EXPECT_TRUE(get_geometry("0123").ok()) << "the thread is free";
+  contexts[0].TryCancel();
+  EXPECT_TRUE(support::eventually([&] { return waiting[0].first.stop.stop_requested(); }));
+  waiting[0].second({std::nullopt, Error(ErrorCode::cancelled, "cancelled by the caller"), {}});
+  EXPECT_THAT(estimates[0].get(), EndedWith(StatusCode::CANCELLED));
+  v1::EstimateReply reply;
+  reply.set_system_id("a system");
+  waiting[1].second({reply, std::nullopt, {}});
+  EXPECT_THAT(estimates[1].get(), EndedWith(StatusCode::OK));
+  EXPECT_EQ(replies[1].system_id(), "a system");
+  waiting[2].second({std::nullopt, Error(ErrorCode::out_of_budget, "too much", 300), {}});
+  EXPECT_THAT(estimates[2].get(), EndedWith(StatusCode::RESOURCE_EXHAUSTED));
+  const auto& trailing = contexts[2].GetServerTrailingMetadata();
+  EXPECT_EQ(trailing.count("retry-after-ms"), 1u);
 }
 
 TEST_P(ServiceUnary, EveryMethodReachesTheEngineAndBack) {

@@ -37,6 +37,10 @@ class SystemCacheTest : public testing::Test {
     cache = std::make_shared<SystemCache>(
         budget,
         [this](const std::string& client, const void* owner, double seconds, std::function<void()> work) {
+          {
+            const std::lock_guard lock(scheduled_mutex);
+            scheduled.push_back(seconds);
+          }
           scheduler->prepare(client, owner, seconds, std::move(work));
         },
         [this](const void* owner) { scheduler->remove(owner); });
@@ -91,6 +95,8 @@ class SystemCacheTest : public testing::Test {
 
   std::atomic<int> prepared{0}, cancelled{0};
   Gate gate;
+  std::mutex scheduled_mutex;
+  std::vector<double> scheduled;  // seconds; under scheduled_mutex
   std::unique_ptr<Scheduler> scheduler;
   std::shared_ptr<SystemCache> cache;
 };
@@ -157,6 +163,7 @@ TEST_F(SystemCacheTest, a_tenant_prepares_as_much_at_once_as_it_may) {
   } catch (const Error& error) {
     EXPECT_EQ(error.code(), ErrorCode::out_of_budget);
     EXPECT_GT(error.retry_after_ms(), 0u);
+    EXPECT_EQ(error.refusal(), Refusal::quota);
     EXPECT_NE(std::string(error.what()).find("quota preparations of tenant \"acme\": 2 "), std::string::npos) << error.what();
   }
   const auto joins = cache->acquire("a", make_slowly(100), ask_as("acme", 2)).second;  // adds no work
@@ -167,6 +174,17 @@ TEST_F(SystemCacheTest, a_tenant_prepares_as_much_at_once_as_it_may) {
   const auto later = cache->acquire("c", make_slowly(100), ask_as("acme", 1)).second;
   EXPECT_TRUE(eventually([&] { return listener->count() == 6; }));
   EXPECT_NE(cache->acquire("a", make_slowly(100), ask_as("acme", 1)).first, nullptr) << "it is there";
+}
+
+TEST_F(SystemCacheTest, what_is_not_known_counts_as_half_of_what_is_short) {
+  open(1000);
+  const auto listener = std::make_shared<Listener>();
+  const auto first = cache->acquire("a", make(100), ask(listener)).second;
+  const SystemCache::Source nothing(make(100), [](const RunContext&) { return nullptr; });
+  const auto second = cache->acquire("b", nothing, ask(listener)).second;
+  EXPECT_TRUE(eventually([&] { return listener->count() == 2; }));
+  EXPECT_EQ(scheduled, std::vector<double>(3, Scheduler::short_seconds / 2))
+      << "of the second, to be restored and to be prepared";
 }
 
 TEST_F(SystemCacheTest, what_takes_long_waits_for_its_turn) {

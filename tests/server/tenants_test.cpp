@@ -79,14 +79,14 @@ TEST_F(Tenants, EveryCallAnswersForAnothersIdAsForAnUnknownOne) {
        [&](const auto& id) {
          v1::EstimateRequest request;
          *request.mutable_setup() = sheet_setup(id);
-         engine->estimate(request, stranger);
+         EngineFixture::estimate(request, stranger);
        }},
       {"estimate with problems",
        [&](const auto& id) {
          v1::EstimateRequest request;
          *request.mutable_setup() = sheet_setup(id);
          request.set_list_problems(true);
-         engine->estimate(request, stranger);
+         EngineFixture::estimate(request, stranger);
        }},
       {"prepare", [&](const auto& id) { prepare(sheet_setup(id), stranger); }},
       {"list_systems",
@@ -178,9 +178,9 @@ TEST_F(Tenants, ASystemInMemoryIsNoneForOthers) {
   register_as(as("b"));
   v1::EstimateRequest request;
   *request.mutable_setup() = sheet_setup(geometry);
-  EXPECT_TRUE(engine->estimate(request, as("acme")).resident());
-  EXPECT_FALSE(engine->estimate(request, as("b")).resident());
-  EXPECT_EQ(engine->estimate(request, as("b")).system_id(), system);
+  EXPECT_TRUE(EngineFixture::estimate(request, as("acme")).resident());
+  EXPECT_FALSE(EngineFixture::estimate(request, as("b")).resident());
+  EXPECT_EQ(EngineFixture::estimate(request, as("b")).system_id(), system);
   const std::uint64_t misses = engine->info().cache_misses();
   stages.clear();
   EXPECT_EQ(prepare(sheet_setup(geometry), as("b")).id(), system);
@@ -371,8 +371,8 @@ TEST_F(Tenants, CallsBeyondTheQuotaAreRefusedWithAHintAndOthersAreNot) {
   }
   v1::EstimateRequest request;
   *request.mutable_setup() = sheet_setup(geometry);
-  EXPECT_THAT(outcome([&] { engine->estimate(request, as("acme", two)); }), testing::HasSubstr("quota calls of tenant"));
-  EXPECT_EQ(outcome([&] { engine->estimate(request, as("b", two)); }), "ok");
+  EXPECT_THAT(outcome([&] { EngineFixture::estimate(request, as("acme", two)); }), testing::HasSubstr("quota calls of tenant"));
+  EXPECT_EQ(outcome([&] { EngineFixture::estimate(request, as("b", two)); }), "ok");
   EXPECT_EQ(outcome([&] { begin_deform(as("b", two))->cancel(); }), "ok");
   first->cancel();
   EXPECT_TRUE(eventually([&] { return outcome([&] { begin_deform(as("acme", two))->cancel(); }) == "ok"; }));

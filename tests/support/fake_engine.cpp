@@ -203,12 +203,14 @@ void FakeEngine::detect(const v1::DetectRequest& request, const CallContext& cal
   on_detect(request, call, std::move(on_done));
 }
 
-v1::EstimateReply FakeEngine::estimate(const v1::EstimateRequest& request, const CallContext& call) {
+void FakeEngine::estimate(v1::EstimateRequest request, const CallContext& call,
+                          std::function<void(Outcome<v1::EstimateReply>)> on_done) {
   note(call);
   if (before) before(&call);
+  if (on_estimate) return on_estimate(request, call, std::move(on_done));
   v1::EstimateReply reply;
   reply.set_system_id("of " + request.setup().geometry());
-  return reply;
+  on_done({std::move(reply), std::nullopt, {}});
 }
 
 void FakeEngine::prepare(const v1::PrepareRequest& request, const CallContext& call,

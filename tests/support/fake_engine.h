@@ -68,6 +68,8 @@ class FakeEngine : public server::Engine {
   std::function<void(const v1::PrepareRequest&, const server::CallContext&, std::function<void(const v1::Progress&)>,
                      std::function<void(Outcome<v1::SystemInfo>)>)>
       on_prepare;
+  std::function<void(const v1::EstimateRequest&, const server::CallContext&, std::function<void(Outcome<v1::EstimateReply>)>)>
+      on_estimate;  ///< empty: answers at once
   std::function<void(const v1::DetectRequest&, const server::CallContext&, std::function<void(Outcome<DetectReplies>)>)>
       on_detect;
   std::function<void(Points, const server::CallContext&, std::function<void(Outcome<v1::VectorJacobianReply>)>)>
@@ -100,7 +102,8 @@ class FakeEngine : public server::Engine {
   std::shared_ptr<const Points> get_points(const std::string& id, const server::CallContext& call) override;
   void detect(const v1::DetectRequest& request, const server::CallContext& call,
               std::function<void(Outcome<DetectReplies>)> on_done) override;
-  v1::EstimateReply estimate(const v1::EstimateRequest& request, const server::CallContext& call) override;
+  void estimate(v1::EstimateRequest request, const server::CallContext& call,
+                std::function<void(Outcome<v1::EstimateReply>)> on_done) override;
   void prepare(const v1::PrepareRequest& request, const server::CallContext& call,
                std::function<void(const v1::Progress&)> on_progress,
                std::function<void(Outcome<v1::SystemInfo>)> on_done) override;

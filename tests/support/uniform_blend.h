@@ -85,8 +85,12 @@ struct UniformBlendMethod {
   static constexpr std::string_view name = "uniform_blend";
   static constexpr MethodFeatures features{};
   static void validate(const Options&, const Setup&, const Mesh&) {}
-  static std::optional<std::vector<PointId>> known_centres(const Options&, const Mesh&, const SelectedRegions&) { return {}; }
-  static Estimate estimate(const Options&, const Mesh& mesh, const Setup&, const SelectedRegions& regions) {
+  static std::optional<std::vector<PointId>> known_centres(const Options&, const Mesh&, const SelectedRegions&,
+                                                           const RunContext&) {
+    return {};
+  }
+  static Estimate estimate(const Options&, const Mesh& mesh, const Setup&, const SelectedRegions& regions,
+                           const RunContext& = {}) {
     Estimate estimate;
     estimate.basis_bytes = HandleBasis::bytes_for(mesh.point_count(), 4 * regions.handles.size(), 0);
     estimate.resident_bytes = estimate.peak_bytes = estimate.basis_bytes + point_bytes(mesh.point_count(), regions.symmetry);

@@ -181,7 +181,9 @@ void CageMethod::validate(const CageOptions& options, const Setup& setup, const 
   }
 }
 
-Estimate CageMethod::estimate(const CageOptions& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions) {
+Estimate CageMethod::estimate(const CageOptions& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions,
+                              const RunContext& context) {
+  context.check();
   Estimate estimate;
   if (options.control == CageControl::mesh) {
     estimate = estimate_mesh(options, mesh, setup, regions);

@@ -21,10 +21,12 @@ struct CageMethod {
   static ControlSet controls(const CageOptions& options, const Mesh&, const Symmetry&) { return {options.vertices.size()}; }
   static std::vector<Vec3> control_places(const CageOptions& options, const Mesh&, const Symmetry&) { return options.vertices; }
   /// A cage has no centres.
-  static std::optional<std::vector<PointId>> known_centres(const CageOptions&, const Mesh&, const SelectedRegions&) {
+  static std::optional<std::vector<PointId>> known_centres(const CageOptions&, const Mesh&, const SelectedRegions&,
+                                                           const RunContext&) {
     return std::nullopt;
   }
-  static Estimate estimate(const CageOptions& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions);
+  static Estimate estimate(const CageOptions& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions,
+                           const RunContext& context);
   static std::shared_ptr<const System> prepare(const CageOptions& options, const std::shared_ptr<const Mesh>& mesh,
                                                const Setup& setup, const RunContext& context, std::size_t memory_budget);
 };

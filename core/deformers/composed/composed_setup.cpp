@@ -144,10 +144,10 @@ SelectedRegions validate_stages(const Setup& setup, const Mesh& mesh, Problems& 
   return result;
 }
 
-Estimate estimate_composed(const Mesh& mesh, const Setup& setup, const SelectedRegions& regions) {
+Estimate estimate_composed(const Mesh& mesh, const Setup& setup, const SelectedRegions& regions, const RunContext& context) {
   Estimate sum;
   for (std::size_t s = 0; s <= setup.then.size(); ++s) {
-    const Estimate own = estimate(mesh, stage_setup(setup, s).setup, regions.stages[s]);
+    const Estimate own = estimate(mesh, stage_setup(setup, s).setup, regions.stages[s], context);
     sum.peak_bytes = std::max(sum.peak_bytes, sum.resident_bytes + own.peak_bytes);
     sum.constraint_points += own.constraint_points;
     sum.centres += own.centres;

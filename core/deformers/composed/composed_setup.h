@@ -33,6 +33,6 @@ std::string stage_field(std::size_t stage);
 /// by validate().
 SelectedRegions validate_stages(const Setup& setup, const Mesh& mesh, Problems& problems, const RunContext& context);
 /// The sum of the estimates of the methods, of which the first remain while the others are prepared.
-Estimate estimate_composed(const Mesh& mesh, const Setup& setup, const SelectedRegions& regions);
+Estimate estimate_composed(const Mesh& mesh, const Setup& setup, const SelectedRegions& regions, const RunContext& context);
 
 }  // namespace deform

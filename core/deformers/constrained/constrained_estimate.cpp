@@ -279,7 +279,7 @@ std::size_t newton_factor_bytes(const SparseMatrix& matrix, const FunctionRows& 
 }  // namespace
 
 ConstrainedBytes constrained_bytes(const SparseMatrix& matrix, const FunctionRows& values, const std::vector<ConstraintSet>& sets,
-                                   const DeliveredRows* delivered) {
+                                   const DeliveredRows* delivered, const RunContext& context) {
   if (sets.empty()) return {};
   Counts counts = counts_of(sets);
   const std::vector<std::int64_t> chosen = functions_reaching(values, sets, delivered);
@@ -293,7 +293,7 @@ ConstrainedBytes constrained_bytes(const SparseMatrix& matrix, const FunctionRow
     const bool schur = form == DeliveredRows::Form::functions && ReducedEnergy::is_dense(chosen.size(), k);
     if (schur) dense.reduced = ReducedEnergy::estimate(matrix, chosen);
     if (form != DeliveredRows::Form::none) return dense_total(counts, dense, form);
-    return constrained_bytes(matrix, values, sets, nullptr);
+    return constrained_bytes(matrix, values, sets, nullptr, context);
   }
   counts.unknowns = static_cast<std::size_t>(matrix.rows());
   const bool dense = ReducedEnergy::is_dense(chosen.size(), counts.unknowns);
@@ -321,7 +321,9 @@ ConstrainedBytes constrained_bytes(const SparseMatrix& matrix, const FunctionRow
   const auto couplings = static_cast<std::size_t>(meeting.nonZeros());
   counts.squares = counts.cover == 1 ? chosen.size() : std::min(couplings, chosen.size() * (chosen.size() + 1) / 2);
   counts.energy = dense ? r * (r + 1) / 2 : static_cast<std::size_t>(matrix.nonZeros());
+  context.check();
   counts.reduced = ReducedEnergy::estimate(matrix, chosen);
+  context.check();
   counts.global_step = SparseCholesky::estimate(pattern(meeting, values, chosen, dense, sets));
   counts.newton.functions = r;
   counts.full = 3 * r + counts.newton.parameters;
@@ -329,6 +331,7 @@ ConstrainedBytes constrained_bytes(const SparseMatrix& matrix, const FunctionRow
   counts.newton.factor_bytes = counts.global_step.factor_bytes;
   counts.newton.factor_operations = counts.global_step.flops;
   const NewtonForm form = cheapest_newton(counts.newton, 0).form;
+  context.check();
   if (form == NewtonForm::sparse) counts.newton_factor = newton_factor_bytes(meeting, values, sets);
   return total(counts, form);
 }

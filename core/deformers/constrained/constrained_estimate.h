@@ -5,6 +5,7 @@
 #include <limits>
 #include <vector>
 
+#include "core/base/run_context.h"
 #include "core/deformers/constrained/constrained_points.h"
 
 namespace deform {
@@ -22,10 +23,10 @@ struct ConstrainedBytes {
 };
 
 /// The bounds from the lower triangle of the matrix that the solver factors and the values at all points. Uses symbolic analysis,
-/// accurate to a few percent.
+/// accurate to a few percent. Between two analyses the context may stop it.
 /// `delivered` may be null; else it has its functions and points.
 ConstrainedBytes constrained_bytes(const SparseMatrix& matrix, const FunctionRows& values, const std::vector<ConstraintSet>& sets,
-                                   const DeliveredRows* delivered = nullptr);
+                                   const DeliveredRows* delivered = nullptr, const RunContext& context = {});
 
 /// Upper bounds of the counts of a space that is not built yet.
 struct SpaceCounts {

@@ -66,7 +66,8 @@ struct Case {
   const Mesh& mesh;
   const ConstraintPoints& points;
   const std::vector<ConstraintSet>& sets;
-  bool delivered = false;  ///< whether constraints are for the points with the correction
+  bool delivered;  ///< whether constraints are for the points with the correction
+  const RunContext& context;
 };
 
 DeliveredRows delivered_points(const Case& of) {
@@ -82,8 +83,10 @@ Sizes sizes_of(const ShellOptions& options, const Case& of, Estimate& estimate) 
   Sizes sizes;
   const double diagonal = bounding_box(of.mesh.points).diagonal();
   const EnergyModel model = shell_model(of.mesh, of.points.region_of, options, diagonal > 0 ? diagonal : 1);
+  of.context.check();
   sizes.factor = SparseCholesky::estimate(model.space.energy);
-  sizes.constrained = constrained_bytes(model.space.energy, model.space.values, of.sets);
+  of.context.check();
+  sizes.constrained = constrained_bytes(model.space.energy, model.space.values, of.sets, nullptr, of.context);
   const std::size_t energy = sparse_bytes(model.space.energy);
   sizes.matrices = energy + sparse_bytes(model.space.values) + sparse_bytes(model.coupling);
   // The bending energy is a product, of which both triangles are made and sorted before one is kept.
@@ -107,8 +110,10 @@ Sizes sizes_of(const ShellOptions& options, const Case& of, Estimate& estimate) 
 /// The matrix of a lattice is made as well: it is small, and its factor has its pattern, which the held points do not change.
 Sizes sizes_of(const FfdOptions& options, const Case& of, Estimate& estimate) {
   Sizes sizes;
-  const EnergyModel model = lattice_model(of.mesh, options, of.points.region_of, {});
+  const EnergyModel model = lattice_model(of.mesh, options, of.points.region_of, of.context);
+  of.context.check();
   sizes.factor = SparseCholesky::estimate(model.space.energy);
+  of.context.check();
   DeliveredRows delivered;
   if (of.delivered) {
     delivered = delivered_points(of);
@@ -121,7 +126,7 @@ Sizes sizes_of(const FfdOptions& options, const Case& of, Estimate& estimate) {
     sizes.delivered_functions = delivered.functions.size();
   }
   sizes.constrained =
-      constrained_bytes(model.space.energy, model.space.functions(), of.sets, of.delivered ? &delivered : nullptr);
+      constrained_bytes(model.space.energy, model.space.functions(), of.sets, of.delivered ? &delivered : nullptr, of.context);
   const std::size_t energy = sparse_bytes(model.space.energy);
   sizes.held = model.held.size();
   std::size_t entries = 0;
@@ -295,13 +300,16 @@ PlacementBytes placement_bytes(const PlacementInput& of) {
 
 /// Constraints are counted by their rest points, and with the solution of one design (peak_bytes).
 template <typename Options>
-Estimate estimate_of(const Options& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions) {
+Estimate estimate_of(const Options& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions,
+                     const RunContext& context) {
   const bool hard = options.handles == HandleMode::hard;
   const ConstraintPoints constrained_points = constraint_points(mesh, regions);
   const Box bounds = bounding_box(mesh.points);
   const double diagonal = bounds.diagonal();
   const UnitBox box{bounds.min, diagonal > 0 ? diagonal : 1};
+  context.check();
   const ConstraintSets constraints = constraint_sets(mesh, setup, regions, box);
+  context.check();
   Estimate estimate;
   estimate.constraint_points = constrained_points.count;
   const std::size_t following = hard ? constrained_points.deformable.size() : mesh.point_count();
@@ -309,7 +317,8 @@ Estimate estimate_of(const Options& options, const Mesh& mesh, const Setup& setu
                                    [](const ConstraintSet& set) { return set.column != nullptr; });  // or none
   const bool joins =
       hard && options.misfit == MisfitRule::joins && !columns && setup.constraint_options.exact_steps == ExactSteps::joins;
-  Sizes sizes = sizes_of(options, Case{mesh, constrained_points, constraints.sets, joins}, estimate);
+  Sizes sizes = sizes_of(options, Case{mesh, constrained_points, constraints.sets, joins, context}, estimate);
+  context.check();
   estimate.notes.insert(estimate.notes.end(), constraints.notes.begin(), constraints.notes.end());
 
   const std::vector<PointId> held =
@@ -326,6 +335,7 @@ Estimate estimate_of(const Options& options, const Mesh& mesh, const Setup& setu
     add(level_bytes(held_places, ResidualCorrection::centres_of(held_places, centres, ResidualCorrection::Kind::smooth), bound),
         correction);
   }
+  context.check();
   const PlacementBytes placement =
       placement_bytes({setup, mesh, box, constraints, constrained_points.region_of, held, following, hard});
   std::size_t set_points = 0;
@@ -380,17 +390,21 @@ Estimate estimate_of(const Options& options, const Mesh& mesh, const Setup& setu
 
 }  // namespace
 
-Estimate estimate_energy(const ShellOptions& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions) {
-  return estimate_of(options, mesh, setup, regions);
+Estimate estimate_energy(const ShellOptions& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions,
+                         const RunContext& context) {
+  return estimate_of(options, mesh, setup, regions, context);
 }
-Estimate estimate_energy(const SubspaceOptions& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions) {
-  return estimate_of(options, mesh, setup, regions);
+Estimate estimate_energy(const SubspaceOptions& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions,
+                         const RunContext& context) {
+  return estimate_of(options, mesh, setup, regions, context);
 }
-Estimate estimate_energy(const MlsOptions& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions) {
-  return estimate_of(options, mesh, setup, regions);
+Estimate estimate_energy(const MlsOptions& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions,
+                         const RunContext& context) {
+  return estimate_of(options, mesh, setup, regions, context);
 }
-Estimate estimate_energy(const FfdOptions& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions) {
-  return estimate_of(options, mesh, setup, regions);
+Estimate estimate_energy(const FfdOptions& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions,
+                         const RunContext& context) {
+  return estimate_of(options, mesh, setup, regions, context);
 }
 
 }  // namespace deform

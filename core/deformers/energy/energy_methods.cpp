@@ -88,8 +88,9 @@ void EnergyMethod<O>::validate(const O& options, const Setup&, const Mesh& mesh)
 }
 
 template <typename O>
-Estimate EnergyMethod<O>::estimate(const O& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions) {
-  return estimate_energy(options, mesh, setup, regions);
+Estimate EnergyMethod<O>::estimate(const O& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions,
+                                   const RunContext& context) {
+  return estimate_energy(options, mesh, setup, regions, context);
 }
 
 template <typename O>

@@ -19,8 +19,11 @@ struct EnergyMethod {
   static constexpr MethodFeatures features{.symmetry = false, .constraints = true};
   static void validate(const O& options, const Setup& setup, const Mesh& mesh);
   /// Energy methods have no centres.
-  static std::optional<std::vector<PointId>> known_centres(const O&, const Mesh&, const SelectedRegions&) { return std::nullopt; }
-  static Estimate estimate(const O& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions);
+  static std::optional<std::vector<PointId>> known_centres(const O&, const Mesh&, const SelectedRegions&, const RunContext&) {
+    return std::nullopt;
+  }
+  static Estimate estimate(const O& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions,
+                           const RunContext& context);
   static std::shared_ptr<const System> prepare(const O& options, const std::shared_ptr<const Mesh>& mesh, const Setup& setup,
                                                const RunContext& context, std::size_t memory_budget);
   static BasisTraits basis_traits(const O& options);

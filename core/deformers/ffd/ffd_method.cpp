@@ -33,13 +33,15 @@ double spline_rounding(const LatticeOptions& options, const Lattice& lattice) {
 
 const char* name_of(FfdControl control) { return control == FfdControl::mesh ? "MESH" : "CONTROLS"; }
 
-Estimate estimate_mesh(const FfdOptions& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions) {
+Estimate estimate_mesh(const FfdOptions& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions,
+                       const RunContext& context) {
   const ConstraintPoints points = constraint_points(mesh, regions);
   std::vector<PointId> held;
   for (std::size_t i = 0; i < points.region_of.size(); ++i) {
     if (points.region_of[i] != deformable_region) held.push_back(static_cast<PointId>(i));
   }
-  const ModelLattice made = model_lattice(mesh, options.lattice, points.region_of, {});
+  const ModelLattice made = model_lattice(mesh, options.lattice, points.region_of, context);
+  context.check();
   const bool large = reached_functions(*made.rows, held).size() > ClampedInverse::most_functions;
   DirectEstimate of{
       large ? DampedInverse::estimate(*made.rows, held) : ClampedInverse::estimate(*made.rows, held, checked_kinds(setup)),
@@ -90,14 +92,15 @@ std::vector<Vec3> FfdMethod::control_places(const FfdOptions& options, const Mes
   return lattice_of(whole_lattice(options.lattice, mesh, symmetry), mesh).control_points();
 }
 
-Estimate FfdMethod::estimate(const FfdOptions& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions) {
-  if (options.control == FfdControl::energy) return ByEnergy::estimate(options, mesh, setup, regions);
+Estimate FfdMethod::estimate(const FfdOptions& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions,
+                             const RunContext& context) {
+  if (options.control == FfdControl::energy) return ByEnergy::estimate(options, mesh, setup, regions, context);
   if (options.control == FfdControl::controls) {
-    const ControlModel model = lattice_controls(options.lattice, mesh, regions.symmetry, {});
+    const ControlModel model = lattice_controls(options.lattice, mesh, regions.symmetry, context);
     check_images(model.matches, setup, regions);
     return estimate_controls(mesh, model, options, regions);
   }
-  return estimate_mesh(options, mesh, setup, regions);
+  return estimate_mesh(options, mesh, setup, regions, context);
 }
 
 std::shared_ptr<const System> FfdMethod::prepare(const FfdOptions& options, const std::shared_ptr<const Mesh>& mesh,

@@ -23,10 +23,12 @@ struct FfdMethod {
   static ControlSet controls(const FfdOptions& options, const Mesh& mesh, const Symmetry& symmetry);
   static std::vector<Vec3> control_places(const FfdOptions& options, const Mesh& mesh, const Symmetry& symmetry);
   /// Free-form deformation has no centres.
-  static std::optional<std::vector<PointId>> known_centres(const FfdOptions&, const Mesh&, const SelectedRegions&) {
+  static std::optional<std::vector<PointId>> known_centres(const FfdOptions&, const Mesh&, const SelectedRegions&,
+                                                           const RunContext&) {
     return std::nullopt;
   }
-  static Estimate estimate(const FfdOptions& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions);
+  static Estimate estimate(const FfdOptions& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions,
+                           const RunContext& context);
   static std::shared_ptr<const System> prepare(const FfdOptions& options, const std::shared_ptr<const Mesh>& mesh,
                                                const Setup& setup, const RunContext& context, std::size_t memory_budget);
   /// std::nullopt unless control is FfdControl::energy: reports of the others need the control points.

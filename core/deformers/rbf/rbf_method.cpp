@@ -128,10 +128,13 @@ void RbfMethod::validate(const RbfOptions& options, const Setup& setup, const Me
   }
 }
 
-Estimate RbfMethod::estimate(const RbfOptions& given, const Mesh& mesh, const Setup&, const SelectedRegions& regions) {
+Estimate RbfMethod::estimate(const RbfOptions& given, const Mesh& mesh, const Setup&, const SelectedRegions& regions,
+                             const RunContext& context) {
   const RbfOptions options = with_defaults(given, mesh);
   const ConstraintPoints points = constraint_points(mesh, regions);
-  RbfCentres centres = choose_centres(mesh, points, regions.handles.size(), options);
+  context.check();
+  RbfCentres centres = choose_centres(mesh, points, regions.handles.size(), options, context);
+  context.check();
   merge_partners(regions.symmetry, points, centres);
   const bool open = centres.most > centres.ids.size();
   if (open) take_most(points, centres);
@@ -193,10 +196,12 @@ Estimate RbfMethod::estimate(const RbfOptions& given, const Mesh& mesh, const Se
 }
 
 std::optional<std::vector<PointId>> RbfMethod::known_centres(const RbfOptions& given, const Mesh& mesh,
-                                                             const SelectedRegions& regions) {
+                                                             const SelectedRegions& regions, const RunContext& context) {
   const RbfOptions options = with_defaults(given, mesh);
   const ConstraintPoints points = constraint_points(mesh, regions);
-  RbfCentres centres = choose_centres(mesh, points, regions.handles.size(), options);
+  context.check();
+  RbfCentres centres = choose_centres(mesh, points, regions.handles.size(), options, context);
+  context.check();
   merge_partners(regions.symmetry, points, centres);
   if (solver_for(options, regions.symmetry, centres.ids.size()) == Solver::incremental_qr) return std::nullopt;
   if (centres.most > centres.ids.size()) return std::nullopt;

@@ -23,8 +23,9 @@ struct RbfMethod {
   static void validate(const RbfOptions& options, const Setup& setup, const Mesh& mesh);
   /// std::nullopt for INCREMENTAL_QR, and if centres are chosen to a tolerance.
   static std::optional<std::vector<PointId>> known_centres(const RbfOptions& options, const Mesh& mesh,
-                                                           const SelectedRegions& regions);
-  static Estimate estimate(const RbfOptions& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions);
+                                                           const SelectedRegions& regions, const RunContext& context);
+  static Estimate estimate(const RbfOptions& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions,
+                           const RunContext& context);
   static std::shared_ptr<const System> prepare(const RbfOptions& options, const std::shared_ptr<const Mesh>& mesh,
                                                const Setup& setup, const RunContext& context, std::size_t memory_budget);
   static BasisTraits basis_traits(const RbfOptions&) { return {HandleMode::hard, UnitLength::longest_edge}; }

@@ -122,9 +122,16 @@ LargeEstimateCall::Then LargeEstimateCall::message(const grpc::ByteBuffer& bytes
 void LargeEstimateCall::half_closed() {
   pieces_.take(*request_.mutable_setup(), scope_);
   note_setup(request_.setup(), scope_);
-  const v1::EstimateReply reply = engine_.estimate(request_, scope_.call());
-  scope_.record.system = reply.system_id();
-  answer(std::nullopt, &reply);
+  const std::weak_ptr<LargeEstimateCall> weak = std::static_pointer_cast<LargeEstimateCall>(shared_from_this());
+  engine_.estimate(std::move(request_), scope_.call(), [weak](Engine::Outcome<v1::EstimateReply> outcome) {
+    const auto self = weak.lock();
+    if (!self) return;
+    if (!outcome.error && !outcome.value) {
+      outcome.error = Error(ErrorCode::internal, "the estimate ended with neither a result nor an error");
+    }
+    if (outcome.value) outcome.stats.system_id = outcome.value->system_id();
+    self->answer(outcome.error, outcome.value ? &*outcome.value : nullptr, outcome.stats);
+  });
 }
 
 // ---- LargePrepareCall ----

@@ -5,11 +5,14 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <initializer_list>
 #include <optional>
+#include <stop_token>
 #include <utility>
 
 #include "core/deformers/system.h"
 #include "tests/core/deformers/block_meshes.h"
+#include "tests/support/expect_error.h"
 
 namespace deform {
 namespace {
@@ -68,6 +71,47 @@ TEST(KnownCentres, AreNotThereWhereTheyAreChosenWhilePreparing) {
   auto setup = sheet_setup({});
   setup.method = MlsOptions{};
   EXPECT_FALSE(known_centres(*sheet(), setup).has_value());
+}
+
+TEST(KnownCentres, OfRegionsThatWereSelectedAreTheSame) {
+  RbfOptions options;
+  options.reduction = CentreReduction::rings;
+  auto setup = sheet_setup(options);
+  EXPECT_EQ(known_centres(*sheet(), setup, validate(setup, *sheet())), known_centres(*sheet(), setup));
+  setup.handles.push_back({"middle", {Region::InBox{{0.4, -1, -1}, {0.6, 2, 1}}}, 1});
+  setup.then.push_back({options, {Region{Region::InBox{{-1, -1, -1}, {0.1, 2, 1}}}}});
+  const auto of_both = known_centres(*sheet(), setup);
+  ASSERT_TRUE(of_both.has_value());
+  EXPECT_EQ(known_centres(*sheet(), setup, validate(setup, *sheet())), of_both);
+}
+
+TEST(Estimate, StopsWhenItIsCancelled) {
+  std::stop_source stop;
+  RunContext context;
+  context.stop = stop.get_token();
+  stop.request_stop();
+  const auto mesh = sheet();
+  const auto stops = [&](const auto& setup) {
+    const SelectedRegions regions = validate(setup, *mesh);
+    EXPECT_NO_THROW(estimate(*mesh, setup, regions));
+    test::expect_error(ErrorCode::cancelled, {}, [&] { estimate(*mesh, setup, regions, context); });
+  };
+  for (const MethodOptions& method :
+       std::initializer_list<MethodOptions>{RbfOptions{}, ShellOptions{}, SubspaceOptions{}, MlsOptions{}, FfdOptions{}}) {
+    auto setup = sheet_setup({});
+    setup.method = method;
+    stops(setup);
+  }
+  auto mirrored = sheet_setup({});
+  mirrored.method = ShellOptions{};
+  mirrored.symmetry.push_back({SymmetryPlane::Plane{{0, 0, 0}, {0, 1, 0}}});
+  stops(mirrored);
+  auto composed = sheet_setup({});
+  composed.handles.push_back({"middle", {Region::InBox{{0.4, -1, -1}, {0.6, 2, 1}}}, 1});
+  composed.then.push_back({RbfOptions{}, {Region{Region::InBox{{-1, -1, -1}, {0.1, 2, 1}}}}});
+  stops(composed);
+  const SelectedRegions regions = validate(sheet_setup({}), *mesh);
+  test::expect_error(ErrorCode::cancelled, {}, [&] { known_centres(*mesh, sheet_setup({}), regions, context); });
 }
 
 }  // namespace
