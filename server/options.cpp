@@ -204,7 +204,7 @@ void add_service_options(std::vector<Option>& all) {
        [](Configuration& c, const std::string& text) { c.server.service.stall_timeout = parse_seconds(text); },
        [](const Configuration& c) { return to_seconds(c.server.service.stall_timeout); }});
   all.push_back(number(
-      "call-threads", "threads for calls that wait for the disk",
+      "call-threads", "threads for calls that wait for the disk: so many for questions, and as many for meshes and setups",
       [](Configuration & c) -> auto& { return c.server.service.call_threads; }));
   all.push_back(number(
       "max-waiting-calls", "calls that may wait for those; more are refused with a retry hint",

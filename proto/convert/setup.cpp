@@ -22,6 +22,7 @@ constexpr std::size_t variables_per_handle = 12;  // an affine map has no more d
 constexpr std::size_t most_planes = 3;
 constexpr std::size_t most_constraints = 10000;
 constexpr std::size_t longest_name = 4096;
+constexpr std::size_t most_name_bytes = 640 << 10;  // of all handles: a SystemInfo, which lists them, stays below 1 MiB
 
 std::string indexed(const char* list, int index) { return std::string(list) + "[" + std::to_string(index) + "]"; }
 
@@ -78,8 +79,18 @@ void fill_point(google::protobuf::RepeatedField<double>& numbers) {
 /// Appends handles of a method, whose fields start with `prefix`, to those of the setup.
 void add_handles(const google::protobuf::RepeatedPtrField<v1::Handle>& from, const std::string& prefix, std::size_t stage,
                  Setup& setup, Problems& problems) {
+  std::size_t names = 0;
+  for (const Handle& handle : setup.handles) names += handle.name.size();
   for (int i = 0; i < from.size(); ++i) {
     const std::string path = prefix + indexed("handles", i);
+    names += from[i].name().size();
+    if (names > most_name_bytes) {
+      problems.check(path + ".name", [&] {
+        refuse_field(path + ".name", "those of the handles up to this one take " + std::to_string(names) +
+                                         " bytes, all together may take " + std::to_string(most_name_bytes));
+      });
+      return;
+    }
     Handle& handle = setup.handles.emplace_back();
     handle.stage = stage;
     problems.check(path + ".name", [&] {

@@ -25,6 +25,7 @@ std::string of(std::uint64_t got, std::uint64_t expected) {
 const ChargePurpose purpose{"registering a geometry", "raise the server's memory budget", 0};
 
 constexpr std::size_t longest_name = 4096;
+constexpr std::size_t most_name_bytes = 640 << 10;  // of all groups: a GeometryInfo, which lists them, stays below 1 MiB
 
 void check_cells(const v1::GeometryHeader& header, const EngineOptions& limits) {
   const v1::CellCounts& cells = header.cells();
@@ -146,6 +147,11 @@ void UploadBuffer::add_group(const v1::GroupChunk& chunk) {
     if (mesh_.groups.size() == header_.group_count())
       refuse("group: more than the " + of(header_.group_count(), header_.group_count()));
     if (chunk.name().size() > longest_name) refuse("group.name: longer than " + std::to_string(longest_name) + " bytes");
+    names_ += chunk.name().size();
+    if (names_ > most_name_bytes) {
+      refuse("group.name: those of the first " + std::to_string(mesh_.groups.size() + 1) + " groups take " +
+             std::to_string(names_) + " bytes, all together may take " + std::to_string(most_name_bytes));
+    }
     grow(sizeof(Group) + chunk.name().size());
     mesh_.groups.emplace_back().name = chunk.name();
   }

@@ -55,6 +55,7 @@ class UploadBuffer {
   const TenantShare share_;
   Charge charge_;
   Mesh mesh_;
+  std::size_t names_ = 0;  // bytes, of the groups
   Stage stage_ = Stage::points;
   std::uint64_t corners_claimed_ = 0;  // by the face sizes so far
   Elements elements_;

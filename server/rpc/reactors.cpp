@@ -502,10 +502,14 @@ void RequestStream::answer(std::optional<Error> error, const google::protobuf::M
   }
   note_stats(stats, scope_.record);
   if (!error && reply != nullptr) {
-    error = caught([&] { *reply_ = serialized(*reply); });
-    scope_.record.messages_out = 1;
-    scope_.record.bytes_out = reply_->Length();
+    error = caught([&] {
+      *reply_ = serialized(*reply);
+      scope_.record.messages_out = 1;
+      scope_.record.bytes_out = reply_->Length();
+      scope_.hold(reply_->Length());  // until it is read
+    });
   }
+  if (scope_.record.bytes_out > taken_at_once) scope_.cut_off_when_stalled();
   Finish(scope_.finish(std::move(error)));
 }
 

@@ -84,6 +84,7 @@ class DeformService::Methods final : public RawService {
         access_(options.access),
         held_(held_limit(engine.info().memory_budget())),
         pool_(options.call_threads, options.waiting_calls),
+        transfers_(options.call_threads, options.waiting_calls),
         admin_(engine, calls_,
                [this](Context* context, const Bytes* request) { return incoming(Role::operate, context, request); }) {}
 
@@ -103,7 +104,7 @@ class DeformService::Methods final : public RawService {
   bool wait_for_none(std::chrono::steady_clock::time_point deadline) { return live_.wait_for_none(deadline); }
 
   grpc::ServerReadReactor<Bytes>* RegisterGeometry(Context* context, Bytes* reply) override {
-    return RequestStream::launch(std::make_shared<RegisterCall>(engine_, incoming(Role::use, context), reply, pool_));
+    return RequestStream::launch(std::make_shared<RegisterCall>(engine_, incoming(Role::use, context), reply, transfers_));
   }
 
   grpc::ServerUnaryReactor* GetGeometry(Context* context, const Bytes* bytes, Bytes* reply) override {
@@ -129,7 +130,7 @@ class DeformService::Methods final : public RawService {
   }
 
   grpc::ServerWriteReactor<Bytes>* GetPoints(Context* context, const Bytes* bytes) override {
-    return ReplyStream::launch(std::make_shared<PointsCall>(engine_, incoming(Role::read, context, bytes), bytes), pool_);
+    return ReplyStream::launch(std::make_shared<PointsCall>(engine_, incoming(Role::read, context, bytes), bytes), transfers_);
   }
 
   grpc::ServerWriteReactor<Bytes>* Detect(Context* context, const Bytes* bytes) override {
@@ -149,21 +150,21 @@ class DeformService::Methods final : public RawService {
         });
       });
     };
-    return UnaryCall::launch_later(pool_, "Estimate", incoming(Role::use, context, bytes), reply, begin);
+    return UnaryCall::launch_later(transfers_, "Estimate", incoming(Role::use, context, bytes), reply, begin);
   }
 
   grpc::ServerWriteReactor<Bytes>* Prepare(Context* context, const Bytes* bytes) override {
-    return ReplyStream::launch(std::make_shared<PrepareCall>(engine_, incoming(Role::use, context, bytes), bytes), pool_);
+    return ReplyStream::launch(std::make_shared<PrepareCall>(engine_, incoming(Role::use, context, bytes), bytes), transfers_);
   }
 
   grpc::ServerReadReactor<Bytes>* EstimateLarge(Context* context, Bytes* reply) override {
     return RequestStream::launch(
-        std::make_shared<LargeEstimateCall>(engine_, options_.max_setup_bytes, incoming(Role::use, context), reply, pool_));
+        std::make_shared<LargeEstimateCall>(engine_, options_.max_setup_bytes, incoming(Role::use, context), reply, transfers_));
   }
 
   grpc::ServerBidiReactor<Bytes, Bytes>* PrepareLarge(Context* context) override {
     return LargePrepareCall::launch(
-        std::make_shared<LargePrepareCall>(engine_, options_.max_setup_bytes, incoming(Role::use, context), pool_));
+        std::make_shared<LargePrepareCall>(engine_, options_.max_setup_bytes, incoming(Role::use, context), transfers_));
   }
 
   grpc::ServerWriteReactor<Bytes>* GetSetup(Context* context, const Bytes* bytes) override {
@@ -295,6 +296,7 @@ class DeformService::Methods final : public RawService {
   bool draining_ = false;
   // last: its threads end before the rest goes
   ThreadPool pool_;
+  ThreadPool transfers_;  ///< of meshes and setups, which take long where the disk does: no question waits for them
   AdminService admin_;
 };
 

@@ -299,6 +299,23 @@ TEST(ConvertSetup, symmetry_planes) {
             "symmetry: 4 entries are more than the limit of 3");
 }
 
+// What a server tells of a system lists the handles, and a message has to stay below 1 MiB.
+TEST(ConvertSetup, NamesOfAllHandlesHaveALimit) {
+  v1::Setup message = sheet_setup(geometry);
+  const v1::Handle handle = message.handles(0);
+  const auto converted = [&](std::size_t handles) {
+    message.clear_handles();
+    for (std::size_t i = 0; i < handles; ++i) {
+      *message.add_handles() = handle;
+      message.mutable_handles(static_cast<int>(i))->set_name(std::string(4092, 'x') + std::to_string(1000 + i));
+    }
+    return refusal([&] { setup_from_proto(message, 10'000); });
+  };
+  EXPECT_EQ(converted(160), "");
+  EXPECT_EQ(converted(161),
+            "handles[160].name: those of the handles up to this one take 659456 bytes, all together may take 655360");
+}
+
 TEST(ConvertSetup, refusals_name_the_field) {
   struct Row {
     const char* expected;

@@ -373,6 +373,27 @@ TEST_P(RolesAndMethods, RequestsBeyondTheRateOfATenantAreRefusedWithAHint) {
   for (int i = 0; i < 6; ++i) EXPECT_THAT(info_as("b", hint), EndedWith(StatusCode::OK));
 }
 
+// Until it is read an answer takes memory, also that of a call that is a stream of requests.
+TEST_P(RolesAndMethods, AnswersCountAmongTheBytesInFlight) {
+  int numbers = 0;
+  engine.on_vector_jacobian = [&](auto, const auto&, auto on_done) {
+    v1::VectorJacobianReply reply;
+    for (int i = 0; i < numbers; ++i) reply.add_gradient(0.1);
+    Engine::Outcome<v1::VectorJacobianReply> outcome;
+    outcome.value = std::move(reply);
+    on_done(std::move(outcome));
+  };
+  start_with(line("a", "user", "tenant=acme") + "tenant:acme bytes-in-flight=256KiB\n");
+  const auto answered = [&](int count) {
+    numbers = count;
+    return call("VectorJacobian", {{"authorization", "Bearer a-token"}}, message_for("VectorJacobian"));
+  };
+  EXPECT_THAT(answered(20'000), EndedWith(StatusCode::OK));
+  const grpc::Status status = answered(50'000);
+  EXPECT_THAT(status, EndedWith(StatusCode::RESOURCE_EXHAUSTED));
+  EXPECT_NE(status.error_message().find("quota bytes-in-flight"), std::string::npos) << status.error_message();
+}
+
 TEST_P(RolesAndMethods, RequestsOfAStreamCountAndAChangedQuotaReachesIt) {
   engine.on_job = [](support::FakeJob& job) { job.end(); };
   start_with(line("a", "user", "tenant=acme") + "tenant:acme calls=7\n");

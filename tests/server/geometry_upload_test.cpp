@@ -227,6 +227,17 @@ TEST_F(UploadBufferTest, more_than_the_header_allows) {
   EXPECT_NE(refusal(header, messages).find("group.points"), std::string::npos);
 }
 
+// What a server tells of a geometry lists the groups, and a message has to stay below 1 MiB.
+TEST_F(UploadBufferTest, names_of_all_groups_have_a_limit) {
+  Mesh many = mesh;
+  many.groups.clear();
+  for (int i = 0; i < 161; ++i) many.groups.push_back({std::string(4092, 'x') + std::to_string(1000 + i), {0}, {}});
+  EXPECT_NE(refusal(header_of(many), upload_messages(many)).find("those of the first 161 groups take 659456 bytes"),
+            std::string::npos);
+  many.groups.pop_back();
+  EXPECT_EQ(upload(header_of(many), upload_messages(many)).groups.size(), 160u);
+}
+
 TEST_F(UploadBufferTest, cells_in_any_chunk_size) {
   for (Mesh volume : {volume_mesh(4), polyhedral_mesh(4)}) {
     if (volume.cells) {

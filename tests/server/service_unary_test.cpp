@@ -297,6 +297,38 @@ TEST_P(ServiceUnary, ACallThatCameTooLateIsNotComputed) {
   EXPECT_EQ(computed, 1);
 }
 
+// Meshes are written by threads of their own: as many uploads as there are threads may wait for a disk that hangs.
+TEST_P(ServiceUnary, QuestionsDoNotWaitForUploads) {
+  std::atomic<bool> release{false};
+  std::atomic<int> uploads{0};
+  engine.before = [&](const CallContext* call) {
+    if (call != nullptr && uploads++ == 0) support::eventually([&] { return release.load(); });
+  };
+  ServiceOptions options;
+  options.call_threads = 1;
+  start(options);
+  std::thread blocker([&] {
+    grpc::ClientContext context;
+    v1::GeometryInfo reply;
+    const auto writer = stub->RegisterGeometry(&context, &reply);
+    v1::RegisterGeometryRequest message;
+    message.mutable_header()->set_point_count(1);
+    writer->Write(message);
+    message.mutable_points()->set_xyz(std::string(sizeof(Vec3), '\0'));
+    writer->Write(message);
+    writer->WritesDone();
+    EXPECT_TRUE(writer->Finish().ok());
+  });
+  EXPECT_TRUE(support::eventually([&] { return uploads == 1; }));
+  grpc::ClientContext context;
+  context.set_deadline(std::chrono::system_clock::now() + std::chrono::seconds(30));
+  v1::GeometryInfo reply;
+  EXPECT_TRUE(stub->GetGeometry(&context, {}, &reply).ok());
+  EXPECT_FALSE(release);
+  release = true;
+  blocker.join();
+}
+
 TEST_P(ServiceUnary, MoreWaitingCallsThanAllowedAreRefusedWithAHint) {
   std::atomic<bool> release{false};
   std::atomic<int> computing{0};
