@@ -204,6 +204,9 @@ void add_service_options(std::vector<Option>& all) {
        [](Configuration& c, const std::string& text) { c.server.service.stall_timeout = parse_seconds(text); },
        [](const Configuration& c) { return to_seconds(c.server.service.stall_timeout); }});
   all.push_back(number(
+      "max-calls", "calls open at once, more are refused with a retry hint; 0: as many as take an eighth of the memory budget",
+      [](Configuration & c) -> auto& { return c.server.service.max_calls; }));
+  all.push_back(number(
       "call-threads", "threads for calls that wait for the disk: so many for questions, and as many for meshes and setups",
       [](Configuration & c) -> auto& { return c.server.service.call_threads; }));
   all.push_back(number(

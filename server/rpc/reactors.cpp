@@ -22,6 +22,7 @@ constexpr std::uint32_t draining_retry_ms = 2000;
 constexpr std::size_t longest_request_id = 128;
 /// For a call whose time is over to say so itself.
 constexpr std::chrono::milliseconds time_to_answer{500};
+constexpr std::uint32_t busy_retry_ms = 200;
 /// Bytes of an answer that gRPC hands to the system whether they are read or not: the first window of HTTP/2.
 constexpr std::uint64_t taken_at_once = 65'535;
 
@@ -37,7 +38,6 @@ std::string metadata_value(const grpc::CallbackServerContext& context, const cha
 
 /// A new call; throws Error(out_of_budget) with a retry hint when too many wait.
 void let_in(ThreadPool& pool, ThreadPool::Task task) {
-  constexpr std::uint32_t busy_retry_ms = 200;
   if (pool.try_post(std::move(task))) return;
   throw Error(ErrorCode::out_of_budget,
               "too many calls are waiting (limit " + std::to_string(pool.queue_limit()) + "), try again later", busy_retry_ms)
@@ -48,14 +48,31 @@ void let_in(ThreadPool& pool, ThreadPool::Task task) {
 
 // ---- LiveCalls ----
 
-void LiveCalls::enter() {
+void LiveCalls::enter(const std::string& client) {
   const std::lock_guard lock(mutex_);
   ++count_;
+  ++of_clients_[client];
 }
 
-void LiveCalls::leave() {
+void LiveCalls::leave(const std::string& client) {
   const std::lock_guard lock(mutex_);
+  const auto own = of_clients_.find(client);
+  if (--own->second == 0) of_clients_.erase(own);
   if (--count_ == 0) changed_.notify_all();
+}
+
+void LiveCalls::check(const std::string& client) const {
+  constexpr std::size_t calls_per_free = 4;
+  const std::lock_guard lock(mutex_);
+  if (limit_ == 0) return;
+  const auto found = of_clients_.find(client);
+  const std::size_t own = found == of_clients_.end() ? 0 : found->second, left = limit_ - std::min(limit_, count_);
+  if (count_ <= limit_ && own <= calls_per_free * left + 1) return;
+  throw Error(ErrorCode::out_of_budget,
+              "too many calls are open: " + std::to_string(own) + " of this client, " + std::to_string(count_) +
+                  " of all, the limit is " + std::to_string(limit_) + " (--max-calls); try again later",
+              busy_retry_ms)
+      .refused_for(Refusal::queue);
 }
 
 bool LiveCalls::wait_for_none(std::chrono::steady_clock::time_point deadline) {
@@ -69,7 +86,6 @@ CallScope::CallScope(const char* method, const Incoming& incoming)
     : incoming_(incoming),
       started_(std::chrono::steady_clock::now()),
       admission_(incoming.access->admit(method, incoming.needed, *incoming.context)) {
-  incoming_.live->enter();
   incoming_.metrics->call_begins();
   record.method = method;
   record.client = incoming.context->peer();
@@ -84,6 +100,7 @@ CallScope::CallScope(const char* method, const Incoming& incoming)
   call_.in_flight = incoming.in_flight->of(call_.tenant);
   if (call_.tenant != default_tenant) record.tenant = call_.tenant;
   call_.client = admission_.identity.empty() ? host_of(record.client) : "identity " + admission_.identity;
+  incoming_.live->enter(call_.client);
   // gRPC keeps wall-clock deadlines, "none" as the end of time.
   const auto deadline = incoming.context->deadline();
   const auto now = std::chrono::system_clock::now();
@@ -102,6 +119,7 @@ void CallScope::admit() {
   check_rate();
   check_draining();
   check_memory();
+  if (incoming_.needed != Role::operate) incoming_.live->check(call_.client);
   if (incoming_.request == nullptr) return;
   held_.push_back(hold(*incoming_.request));
   call_.open->set_request_bytes(held_.back().bytes());
@@ -211,7 +229,7 @@ void CallScope::leave() {
   caught([this] { log_call(record); });
   held_.clear();
   if (incoming_.context->IsCancelled()) caught([this] { incoming_.floods->note_reset(record.client); });
-  incoming_.live->leave();
+  incoming_.live->leave(call_.client);
 }
 
 void note_stats(const CallStats& stats, CallRecord& record) {

@@ -13,6 +13,8 @@
 #include <mutex>
 #include <optional>
 #include <stop_token>
+#include <string>
+#include <unordered_map>
 #include <vector>
 
 #include "core/base/thread_pool.h"
@@ -35,18 +37,30 @@ namespace deform::server {
 ///
 /// A reactor owns itself between launch() and OnDone. Whoever may call back later (engine, pool) holds a weak_ptr or shared_ptr.
 
-/// Counts the calls that have not ended. Thread-safe.
+/// Counts the calls that have not ended, each of which takes memory that nobody else charges, about 24 KiB, while it is open and
+/// does nothing. Thread-safe.
 class LiveCalls {
  public:
-  void enter();
-  void leave();
+  static constexpr std::size_t bytes_of_one = 24 << 10;
+
+  /// `limit`: of all together; 0: none.
+  explicit LiveCalls(std::size_t limit) : limit_(limit) {}
+
+  void enter(const std::string& client);
+  void leave(const std::string& client);
+  /// Throws Error(out_of_budget) with a retry hint when there are more than the limit, or of this client more than four times
+  /// what is left, by the rule that connections and places in the queue have: so there is room for the next client.
+  void check(const std::string& client) const;
   /// True when none is left, false when the time is over first.
   bool wait_for_none(std::chrono::steady_clock::time_point deadline);
 
  private:
-  std::mutex mutex_;
+  const std::size_t limit_;
+  mutable std::mutex mutex_;
   std::condition_variable changed_;
-  std::size_t count_ = 0;  // under mutex_
+  // under mutex_
+  std::size_t count_ = 0;
+  std::unordered_map<std::string, std::size_t> of_clients_;
 };
 
 /// A call as it comes in. All live until OnDone at least.
@@ -74,8 +88,8 @@ class CallScope {
  public:
   CallScope(const char* method, const Incoming& incoming);
 
-  /// check_access(), check_rate(), check_draining() and check_memory(), and the memory of the request is charged until the call
-  /// ends: every launch() begins with it.
+  /// check_access(), check_rate(), check_draining(), check_memory() and LiveCalls::check(), but for operators, and the memory of
+  /// the request is charged until the call ends: every launch() begins with it.
   void admit();
   /// Throws unless the caller may make this call. Cheap to ask again in a long call: the answer changes when the identities did.
   void check_access();

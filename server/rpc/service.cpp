@@ -55,6 +55,11 @@ std::size_t held_limit(std::size_t budget) {
   return budget == 0 ? 0 : std::max(budget / share, least);
 }
 
+std::size_t call_limit(std::size_t option, std::size_t budget) {
+  constexpr std::size_t share = 8, least = 1024;
+  return option != 0 || budget == 0 ? option : std::max(budget / share / LiveCalls::bytes_of_one, least);
+}
+
 void refuse_continued_designs(const v1::DeformRequest& request) {
   for (int i = 0; i < request.designs_size(); ++i) {
     if (request.designs(i).continues()) {
@@ -83,6 +88,7 @@ class DeformService::Methods final : public RawService {
         max_deadline_ms_(options.max_deadline.count()),
         access_(options.access),
         held_(held_limit(engine.info().memory_budget())),
+        live_(call_limit(options.max_calls, engine.info().memory_budget())),
         pool_(options.call_threads, options.waiting_calls),
         transfers_(options.call_threads, options.waiting_calls),
         admin_(engine, calls_,

@@ -25,8 +25,9 @@ struct ServiceOptions {
   std::chrono::milliseconds max_deadline{0};  ///< of a call, or of a request of a DeformStream; 0: none but the client's
   /// That a call waits for its client to send what is missing, or to take what was sent; 0: for ever.
   std::chrono::milliseconds stall_timeout{600'000};
-  Access::Options access;                               ///< who may call
-  int call_threads = 8;                                 ///< for calls that wait for the disk: so many for questions, and as many for meshes and setups
+  Access::Options access;     ///< who may call
+  std::size_t max_calls = 0;  ///< open at once; 0: as many as take an eighth of the memory budget
+  int call_threads = 8;       ///< for calls that wait for the disk: so many for questions, and as many for meshes and setups
   std::size_t waiting_calls = 1024;                     ///< of those; more are refused with a retry hint
   std::size_t max_setup_bytes = std::size_t{64} << 20;  ///< of a setup that comes in pieces
 

@@ -589,6 +589,19 @@ class Frames(Attack):
             out.append(http2.frame(http2.RST_STREAM, 0, stream, struct.pack(">I", 8)))
         return b"".join(out)
 
+    def test_streams_that_rest(self):
+        """20,000 calls that begin and say nothing."""
+        headers, begun = http2.call_headers("DeformStream"), []
+        for _ in range(20):
+            connection = http2.Connection(self.server.port)
+            self.connections.append(connection)
+            begun.append(connection.send(b"".join(
+                http2.frame(http2.HEADERS, http2.END_HEADERS, connection.next_stream(), headers) for _ in range(1000))))
+            time.sleep(0.2)
+            connection.drop_replies()
+        time.sleep(2)
+        self.assertEqual(begun, [True] * 20)
+
     def flood_call(self, method, flags, frames):
         """Each connection begins one call, then sends what frames(connection) gives."""
 

@@ -375,21 +375,21 @@ TEST_P(RolesAndMethods, RequestsBeyondTheRateOfATenantAreRefusedWithAHint) {
 
 // Until it is read an answer takes memory, also that of a call that is a stream of requests.
 TEST_P(RolesAndMethods, AnswersCountAmongTheBytesInFlight) {
-  int numbers = 0;
-  engine.on_vector_jacobian = [&](auto, const auto&, auto on_done) {
-    v1::VectorJacobianReply reply;
-    for (int i = 0; i < numbers; ++i) reply.add_gradient(0.1);
-    Engine::Outcome<v1::VectorJacobianReply> outcome;
+  std::uint32_t numbers = 0;
+  engine.on_estimate = [&](const auto&, const auto&, auto on_done) {
+    v1::EstimateReply reply;
+    for (std::uint32_t i = 0; i < numbers; ++i) reply.add_centre_steps(i % 100);
+    Engine::Outcome<v1::EstimateReply> outcome;
     outcome.value = std::move(reply);
     on_done(std::move(outcome));
   };
   start_with(line("a", "user", "tenant=acme") + "tenant:acme bytes-in-flight=256KiB\n");
-  const auto answered = [&](int count) {
+  const auto answered = [&](std::uint32_t count) {
     numbers = count;
-    return call("VectorJacobian", {{"authorization", "Bearer a-token"}}, message_for("VectorJacobian"));
+    return call("EstimateLarge", {{"authorization", "Bearer a-token"}}, message_for("EstimateLarge"));
   };
-  EXPECT_THAT(answered(20'000), EndedWith(StatusCode::OK));
-  const grpc::Status status = answered(50'000);
+  EXPECT_THAT(answered(100'000), EndedWith(StatusCode::OK));
+  const grpc::Status status = answered(400'000);
   EXPECT_THAT(status, EndedWith(StatusCode::RESOURCE_EXHAUSTED));
   EXPECT_NE(status.error_message().find("quota bytes-in-flight"), std::string::npos) << status.error_message();
 }

@@ -10,6 +10,7 @@
 #include <utility>
 #include <vector>
 
+#include "server/rpc/reactors.h"
 #include "server/rpc/status.h"
 #include "tests/server/ended_with.h"
 #include "tests/server/service_fixture.h"
@@ -295,6 +296,67 @@ TEST_P(ServiceUnary, ACallThatCameTooLateIsNotComputed) {
   blocker.join();
   server->running().stop(std::chrono::seconds(1));
   EXPECT_EQ(computed, 1);
+}
+
+TEST(LiveCallsLimit, LeavesRoomForTheNextClient) {
+  LiveCalls live(100);
+  const auto let_in = [&](const std::string& client) {
+    live.enter(client);
+    try {
+      live.check(client);
+    } catch (const Error& error) {
+      EXPECT_EQ(error.code(), ErrorCode::out_of_budget);
+      EXPECT_EQ(error.refusal(), Refusal::queue);
+      EXPECT_GT(error.retry_after_ms(), 0u);
+      live.leave(client);
+      return false;
+    }
+    return true;
+  };
+  int of_a = 0, of_b = 0;
+  while (of_a < 1000 && let_in("a")) ++of_a;
+  while (of_b < 1000 && let_in("b")) ++of_b;
+  EXPECT_EQ(of_a, 80);
+  EXPECT_EQ(of_b, 16);
+  EXPECT_FALSE(let_in("a"));
+  EXPECT_TRUE(let_in("c"));
+  for (; of_b > 0; --of_b) live.leave("b");
+  EXPECT_TRUE(let_in("d"));
+  LiveCalls any(0);
+  for (int i = 0; i < 10'000; ++i) any.enter("a");
+  EXPECT_NO_THROW(any.check("a"));
+}
+
+TEST_P(ServiceUnary, StreamsThatRestAreCountedAndRefusedBeyondTheLimit) {
+  ServiceOptions options;
+  options.max_calls = 10;
+  start(options);
+  std::vector<std::unique_ptr<grpc::ClientContext>> contexts;
+  std::vector<std::unique_ptr<grpc::ClientReaderWriter<v1::DeformStreamRequest, v1::DeformReply>>> streams;
+  for (int i = 0; i < 8; ++i) {
+    contexts.push_back(std::make_unique<grpc::ClientContext>());
+    streams.push_back(stub->DeformStream(contexts.back().get()));
+  }
+  const auto ask = [&](std::string& hint) {
+    grpc::ClientContext context;
+    v1::GeometryInfo reply;
+    const grpc::Status status = stub->GetGeometry(&context, {}, &reply);
+    hint = retry_hint(context);
+    return status;
+  };
+  std::string hint;
+  grpc::Status status;
+  EXPECT_TRUE(support::eventually([&] {
+    status = ask(hint);
+    return !status.ok();
+  }));
+  EXPECT_THAT(status, EndedWith(StatusCode::RESOURCE_EXHAUSTED));
+  EXPECT_NE(status.error_message().find("--max-calls"), std::string::npos) << status.error_message();
+  EXPECT_FALSE(hint.empty());
+  streams.front()->WritesDone();
+  EXPECT_THAT(streams.front()->Finish(), EndedWith(StatusCode::OK));
+  EXPECT_TRUE(support::eventually([&] { return ask(hint).ok(); }));
+  for (const auto& context : contexts) context->TryCancel();
 }
 
 // Meshes are written by threads of their own: as many uploads as there are threads may wait for a disk that hangs.
