@@ -6,7 +6,6 @@
 #include <cmath>
 #include <optional>
 #include <set>
-#include <type_traits>
 #include <utility>
 
 #include "core/base/error.h"
@@ -114,12 +113,8 @@ Setup whole_setup(const Setup& half, const Mesh& mesh, const SelectedRegions& re
   }
   setup.fixed.clear();
   if (!regions.fixed.empty()) setup.fixed.push_back({Region::Ids{all_images(regions.fixed, mirrored)}});
-  if (auto* mls = std::get_if<MlsOptions>(&setup.method)) {
-    for (std::size_t i = 0; i < mls->weights.size(); ++i) {
-      const std::vector<PointId> ids =
-          select(mls->weights[i].region, mesh, "method.mls.weights[" + std::to_string(i) + "].region");
-      mls->weights[i].region = {Region::Ids{all_images(ids, mirrored)}};
-    }
+  for (const OptionRegion& option : option_regions(setup)) {
+    *option.region = {Region::Ids{all_images(select(*option.region, mesh, option.field), mirrored)}};
   }
   return setup;
 }

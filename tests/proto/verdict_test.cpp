@@ -349,7 +349,7 @@ TEST(Verdicts, AConditionThatDidNoHarmIsANote) {
 
 TEST(Verdicts, OnlyErrorsOfRadialFunctionsShowWhatAConditionDoes) {
   v1::Setup setup;
-  EXPECT_EQ(method_facts(setup).condition_effect, MethodFacts::Effect::unknown);
+  EXPECT_EQ(method_facts(setup).condition_effect, MethodFacts::Effect::measured) << "an empty method is rbf";
   setup.mutable_method()->mutable_rbf();
   EXPECT_EQ(method_facts(setup).condition_effect, MethodFacts::Effect::measured);
   setup.add_then()->mutable_method()->mutable_rbf();
