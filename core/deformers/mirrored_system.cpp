@@ -427,7 +427,7 @@ class MirroredMap : public SpaceMap {
   }
 
   const DesignReport& report() const override { return report_; }
-  Told evaluate(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out, const RunContext& context) const override;
+  Found evaluate(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out, const RunContext& context) const override;
 
  private:
   const std::shared_ptr<const MirroredSystem> system_;
@@ -436,7 +436,7 @@ class MirroredMap : public SpaceMap {
   DesignReport report_;
 };
 
-SpaceMap::Told MirroredMap::evaluate(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
+SpaceMap::Found MirroredMap::evaluate(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
                                      const RunContext& context) const {
   const MirroredMesh& mirrored = system_->mirrored_;
   const Symmetry& symmetry = system_->regions_.symmetry;
@@ -446,7 +446,7 @@ SpaceMap::Told MirroredMap::evaluate(std::span<const Vec3> points, std::uint64_t
     return reduced == 0 ? x : mirrored.reflected_point(x, reduced);
   };
   std::vector<std::vector<Vec3>> from(mirrored.images()), to(mirrored.images());
-  Told told;
+  Found found;
   for (std::size_t g = 0; g < mirrored.images(); ++g) {
     for (const Vec3& x : points) {
       const PartnerPlaces::Entry* const partner = partners_.at(x);
@@ -454,9 +454,9 @@ SpaceMap::Told MirroredMap::evaluate(std::span<const Vec3> points, std::uint64_t
                                            : mirrored.mesh()->points[mirrored.image(partner->first, g)]);
     }
     to[g].resize(points.size());
-    const Told of_image = whole_->evaluate(from[g], first, to[g], context);
-    if (g == 0) told.still = of_image.still;
-    told.sums_error = std::max(told.sums_error, of_image.sums_error);
+    const Found of_image = whole_->evaluate(from[g], first, to[g], context);
+    if (g == 0) found.still = of_image.still;
+    found.sums_error = std::max(found.sums_error, of_image.sums_error);
   }
   for (std::size_t i = 0; i < points.size(); ++i) {
     Vec3 u = system_->mean([&](std::size_t g) { return to[g][i] - from[g][i]; });
@@ -466,7 +466,7 @@ SpaceMap::Told MirroredMap::evaluate(std::span<const Vec3> points, std::uint64_t
     out[i] = symmetry.is_sector() ? points[i] + symmetry.from_frame(symmetry.admissible(symmetry.to_frame(u), points[i]))
                                   : symmetry.slid(points[i], points[i] + u, symmetry.on(points[i]));
   }
-  return told;
+  return found;
 }
 
 std::unique_ptr<const SpaceMap> MirroredSystem::bind_in_space(const Design& design, const RunContext& context) const {

@@ -20,7 +20,7 @@ class DirectEvaluation : public HandleEvaluation {
   void solve(const RunContext& context);
   void report_controls();
   void direct_tile(std::size_t tile, std::size_t first, std::size_t count, double* values) const override;
-  SpaceMap::Told displacements_at(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
+  SpaceMap::Found displacements_at(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
                                   const RunContext& context) const override;
 
   const DirectSystem& system_;
