@@ -14,7 +14,7 @@ enum class ErrorCode {
   not_found,            ///< no object has this id or name
   already_exists,       ///< the name is already in use
   failed_precondition,  ///< valid input in the wrong state (a geometry is still in use, ...)
-  unauthenticated,      ///< the server asks who calls and was not told, or does not know the caller
+  unauthenticated,      ///< the server requires an identity, and the call has none or an unknown one
   permission_denied,    ///< the caller is known and may not do this
   out_of_budget,        ///< more memory, queue space or time needed than allowed; the message gives the numbers
   numerical_failure,    ///< the mathematics broke down (singular system, ...)

@@ -243,7 +243,7 @@ void SystemCache::leave(const std::shared_ptr<Flight>& asked, std::uint64_t aske
     gone = std::move(found->second);
     flight->askers.erase(found);
     if (!flight->askers.empty()) return;
-    // Nobody wants it any more. Out of the map at once, so that the next asker begins a new flight.
+    // No caller waits for it any more. Out of the map at once, so that the next asker begins a new flight.
     const auto current = flights_.find(flight->key);
     if (current != flights_.end() && current->second == flight) flights_.erase(current);
   }

@@ -33,7 +33,7 @@ HostPort split_address(const std::string& address);
 std::size_t connection_limit(std::size_t wanted);
 
 /// Accepts connections and hands them on, up to a limit: more are closed at once. gRPC's own listener has no limit, and stops for
-/// good when the process has no file left. Connections end without its being told; it looks which of them are still open.
+/// good when the process has no file left. It is not notified of the end of connections; it checks which of them are still open.
 ///
 ///   bound --start()--> accepting --stop()--> closed
 class Listener {

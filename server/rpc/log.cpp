@@ -129,7 +129,7 @@ std::string fields_of(const CallRecord& record) {
 /// The logger of calls where records are JSON objects: its formatter takes the members as they are.
 constexpr char calls_logger[] = "deformd.calls";
 
-/// Of the process, as its logger.
+/// The budget of the process, which has one logger.
 std::shared_ptr<LineBudget>& line_budget() {
   static auto budget = std::make_shared<LineBudget>(0);
   return budget;

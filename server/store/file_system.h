@@ -52,10 +52,10 @@ class FileSystem {
   /// Without "." and "..", in any order.
   virtual int list(const Path& directory, std::vector<std::string>& names) = 0;
   virtual bool is_writable(const Path& path) = 0;
-  /// Bytes that this user may still write; nothing when that cannot be told.
+  /// Bytes that this user may still write; nothing when that is unknown.
   virtual std::optional<std::uint64_t> free_bytes(const Path& directory) = 0;
 
-  /// Of SQLite, by its name; null: the one that SQLite takes by itself.
+  /// The name of the VFS of SQLite; null: the one that SQLite takes by itself.
   virtual const char* sqlite_vfs() const = 0;
 };
 

@@ -11,7 +11,7 @@ namespace deform::server {
 
 /// A stored geometry is exactly the byte sequence its id is the SHA-256 of (core/codec/geometry_id.h), so the id is the checksum.
 
-/// Of the arrays of a mesh in memory, and about the size of its file.
+/// The bytes of the arrays of a mesh in memory, and about the size of its file.
 std::size_t mesh_bytes(const Mesh& mesh);
 
 std::string mesh_id(const Mesh& mesh);

@@ -370,7 +370,7 @@ DesignTable checked_designs(const SweepOptions& options, const v1::Setup& setup)
 
 ExitCode run_sweep(const SweepOptions& options, const CommonOptions& common) {
   {
-    // A server that is not there at all is told at once.
+    // A server that is not there at all is reported at once.
     Connection first(common);
     first.client().server_info(first.call());
   }

@@ -34,7 +34,7 @@ struct SweepFailure {
 
 /// One finished result.
 struct ManifestEntry {
-  /// Of archives: which file holds it. In folders always result.
+  /// The file of an archive that holds it. In folders always result.
   enum class Place {
     result,  ///< ARCHIVE
     part,    ///< ARCHIVE.part
@@ -65,7 +65,7 @@ class Manifest {
   const std::vector<ManifestEntry>& next() const { return next_; }
   /// Designs without a result, and why.
   const std::map<std::string, SweepFailure>& failed() const { return failed_; }
-  /// Of a design with this hash.
+  /// The failure of a design with this hash.
   std::optional<SweepFailure> find_failure(const std::string& name, const std::string& hash) const;
   /// A file that was being replaced when its entry ended: it is ours, but may be the old or the new one.
   bool is_being_written(const std::string& file) const { return writing_.contains(file); }
