@@ -427,7 +427,8 @@ class MirroredMap : public SpaceMap {
   }
 
   const DesignReport& report() const override { return report_; }
-  Found evaluate(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out, const RunContext& context) const override;
+  Found evaluate(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
+                 const RunContext& context) const override;
 
  private:
   const std::shared_ptr<const MirroredSystem> system_;
@@ -437,7 +438,7 @@ class MirroredMap : public SpaceMap {
 };
 
 SpaceMap::Found MirroredMap::evaluate(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
-                                     const RunContext& context) const {
+                                      const RunContext& context) const {
   const MirroredMesh& mirrored = system_->mirrored_;
   const Symmetry& symmetry = system_->regions_.symmetry;
   // As those of the mesh, places on a plane are their own images in it.

@@ -34,7 +34,7 @@ class SpaceMap {
   /// the first point, for messages. Throws Error(invalid_argument) naming points[i] where the deformation does not exist: outside
   /// of a cage with Green coordinates; cancelled, deadline_exceeded.
   virtual Found evaluate(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
-                        const RunContext& context) const = 0;
+                         const RunContext& context) const = 0;
 };
 
 }  // namespace deform

@@ -69,8 +69,9 @@ bool at_rounding(const SolutionFacts& facts, const v1::DesignResult& result) {
 }
 
 /// Whether a solution that has not converged is one of a direct solver, which has no tolerance of the user's to reach, and is
-/// estimated to be so accurate that it is harmless even so. In 36 designs with conditions from 8e18 to 2e21 whose refinement did not
-/// converge the true error was up to 1450 times the estimated one, and below 1e-8 of the motion where the estimate was below 1e-9.
+/// estimated to be so accurate that it is harmless even so. In 36 designs with conditions from 8e18 to 2e21 whose refinement did
+/// not converge the true error was up to 1450 times the estimated one, and below 1e-8 of the motion where the estimate was below
+/// 1e-9.
 bool only_unrefined(const SolutionFacts& facts, const v1::DesignResult& result) {
   return !facts.converged && facts.condition > doubtful_condition && facts.method.least_squares_tolerance == 0 &&
          facts.method.condition_effect == MethodFacts::Effect::measured && result.relative_error() <= unrefined_error;

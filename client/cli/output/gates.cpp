@@ -96,7 +96,7 @@ namespace {
 int reasons_of_verdict(const v1::DesignResult& result) {
   const auto count = result.reasons_of_verdict();
   return count > 0 ? static_cast<int>(std::min<std::uint32_t>(count, static_cast<std::uint32_t>(result.reasons_size())))
-                  : result.reasons_size();
+                   : result.reasons_size();
 }
 
 }  // namespace

@@ -150,7 +150,7 @@ class ComposedMap : public SpaceMap {
 
   const DesignReport& report() const override { return report_; }
   Found evaluate(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
-                const RunContext& context) const override {
+                 const RunContext& context) const override {
     Found found = maps_[0]->evaluate(points, first, out, context);
     std::vector<Vec3> to(points.size());
     for (std::size_t s = 1; s < maps_.size(); ++s) {

@@ -266,7 +266,7 @@ std::size_t HandleEvaluation::designs_in_pass(std::size_t first, std::size_t cou
 }
 
 SpaceMap::Found HandleEvaluation::displacements_at(std::span<const Vec3>, std::uint64_t, std::span<Vec3>,
-                                                  const RunContext&) const {
+                                                   const RunContext&) const {
   throw Error(ErrorCode::internal, "this deformation is defined at the points of its mesh only");
 }
 

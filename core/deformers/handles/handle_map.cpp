@@ -33,7 +33,7 @@ HandleMap::HandleMap(std::unique_ptr<const HandleEvaluation> evaluation)
 }
 
 SpaceMap::Found HandleMap::evaluate(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
-                                   const RunContext& context) const {
+                                    const RunContext& context) const {
   const Symmetry& symmetry = evaluation_->system_->regions_.symmetry;
   // The displacement of the second of two partners is that of the first, turned.
   std::vector<Vec3> at_first;
