@@ -176,8 +176,8 @@ class FloatingNumbers:
                 yield text.count("\n", 0, found.start()) + 1, "std::to_string of a floating-point number: use number_digits()"
 
 
-# Pattern -> what is wrong, in all sources, and in those of the programs.
-OF = re.compile(r'(?://[/!]*<? *|""")Of ')
+# Comments and help in all sources, and words of the programs.
+OF = re.compile(r'(?://[/!]*<? *|")Of ')
 PEOPLE = re.compile(r"\b(told|picked|[Nn]obody (?:looks?|looked|knows|wants))\b")
 # Lines of the programs that still have such words. A number falls with them, and a file that leaves the list does not come back.
 PEOPLE_LEFT = {

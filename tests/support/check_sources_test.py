@@ -41,7 +41,8 @@ class Language(unittest.TestCase):
         return list(check_sources.check_language(path, text.splitlines(), left or {}))
 
     def test_comments_begin_with_their_subject(self):
-        for text in ("//" "/ Of the points.", "int n;  //" "/< Of the points.", "/" "/ Of the points.", '""' + '"Of the points."""'):
+        of = "O" + "f the points."
+        for text in (f"/// {of}", f"int n;  ///< {of}", f"// {of}", f'"""{of}"""', f'add("--seed", seed, "{of}")'):
             self.assertEqual([line for line, _ in self.check("tests/a.cpp", "\n" + text)], [2], text)
         for text in ("/// The number of points.", "int n;  ///< of the points", "f(Of());  // Offset"):
             self.assertEqual(self.check("core/a.cpp", text), [], text)
