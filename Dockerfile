@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 # deformd and deform in a container:
 #   docker build -t deformd .
 #   docker run --rm -p 127.0.0.1:50051:50051 -v deformd-data:/var/lib/deformd deformd

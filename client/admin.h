@@ -18,7 +18,7 @@ class Admin {
 
   /// Calls under way, the oldest first.
   v1::ListCallsReply calls(const CallOptions& call = {});
-  /// Ends a call; whoever made it is told so, with the reason. Throws Error(not_found).
+  /// Ends a call with an error that names the reason to its client. Throws Error(not_found).
   v1::CancelCallReply cancel(std::uint64_t id, const std::string& reason, const CallOptions& call = {});
   /// New work is refused from now on.
   v1::DrainReply drain(const CallOptions& call = {});

@@ -106,8 +106,8 @@ std::vector<Item> all_pages(Connection& connection, const CallOptions& call, Una
   return all;
 }
 
-/// The replies of the servers that know the id. All are asked, and then the first error is thrown; NOT_FOUND where nobody knows
-/// it.
+/// The replies of the servers that know the id. All are asked, and then the first error is thrown; NOT_FOUND where no server
+/// knows it.
 template <typename Request, typename Reply>
 std::vector<Reply> from_all(Connection& connection, const CallOptions& call, Retry retry, UnaryMethod<Request, Reply> method,
                             const Request& request, const std::string& geometry) {

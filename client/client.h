@@ -43,20 +43,20 @@ struct ClientOptions {
   /// them to a server that lacks them, as with several addresses.
   bool replicas = false;
   std::chrono::milliseconds connect_timeout{5000};  ///< of one attempt to connect; with several addresses at most 2 s
-  /// Of calls that are safe to retry, for UNAVAILABLE and for RESOURCE_EXHAUSTED with a retry hint; of any call to connect. With
-  /// several servers UNAVAILABLE counts when all of them have been tried. With `replicas` twice as many: the proxy has to notice
-  /// first that a server is gone.
+  /// Attempts of calls that are safe to retry, for UNAVAILABLE and for RESOURCE_EXHAUSTED with a retry hint; of any call to
+  /// connect. With several servers UNAVAILABLE counts when all of them have been tried. With `replicas` twice as many: the proxy
+  /// has to notice first that a server is gone.
   int max_attempts = 4;
   /// How long, from the first failure of a call, attempts go on beyond max_attempts while no server can be reached, or it refuses
   /// and says when to come back. Absent: 30 s once this client has had an answer, so that a restart of the server ends nothing,
-  /// and 0 before, so that a wrong address is told at once. At most a week.
+  /// and 0 before, so that a wrong address is an error at once. At most a week.
   std::optional<std::chrono::milliseconds> patience = std::nullopt;
   /// Called with why before a call waits for a server that cannot be reached, by its thread, so several may at once. Must not
   /// throw.
   std::function<void(const Error&)> on_wait = {};
   int decode_threads = 0;  ///< 0 = all cores
-  /// Of requests that name none (their tolerance then counts for it). ENCODING_DEFAULT: RAW_F64 when `address` is a unix socket
-  /// or a loopback address (each of several), else DELTA_ZSTD.
+  /// The encoding of requests that name none (their tolerance applies to it). ENCODING_DEFAULT: RAW_F64 when `address` is a unix
+  /// socket or a loopback address (each of several), else DELTA_ZSTD.
   v1::Encoding encoding = v1::ENCODING_DEFAULT;
   int max_in_flight = 16;                        ///< open requests of one Session; submit() blocks beyond it
   std::optional<TlsOptions> tls = std::nullopt;  ///< absent: plain text

@@ -36,7 +36,7 @@ struct Connection {
   std::atomic<bool> own_channel{false};  ///< made for the addresses of the options
   std::atomic<std::uint64_t> calls{0};   ///< so far; gives each call a seed of its own
   std::atomic<bool> answered{false};     ///< a server has answered some call
-  IdMap<std::string> geometry_of;        ///< of systems, as far as it was told
+  IdMap<std::string> geometry_of;        ///< of systems, as far as it is known
   IdMap<Server*> found_at;               ///< ids that a server knew and one that is asked before it did not
   ThreadPool pool;                       ///< for decoding; last, so that its tasks end first
 
@@ -49,10 +49,10 @@ struct Connection {
   /// Waits for the connection that gRPC tries to make, one attempt long: until then calls would fail by the error of the attempt
   /// before. A stop or the deadline ends it by its Error.
   void wait_for_answer(Server& server, const RunContext& limits) const;
-  /// Waits for the server's return: `longest`, or until there is a connection again where there was none. While nobody waits
+  /// Waits for the server's return: `longest`, or until there is a connection again where there was none. While no call waits
   /// so, gRPC goes on with connecting only every 5 s. A stop or the deadline ends it by its Error.
   void wait_for_return(Server& server, std::chrono::milliseconds longest, const RunContext& limits) const;
-  /// Of ClientOptions, as it is now.
+  /// The patience of ClientOptions, as it is now.
   std::chrono::milliseconds patience() const;
   /// Cached, or fetched once.
   std::shared_ptr<const Points> registered_points(const std::string& geometry_id, const RunContext& limits);
@@ -93,8 +93,8 @@ class Attempt {
   Server& server() const { return server_; }
   /// Ends the call: who waits for it gets Error(cancelled).
   void cancel();
-  /// Throws the Error of a status that is not OK. Where no connection came about, says why TLS failed if it did. What nobody here
-  /// has cancelled was cut off by a server that shuts down: Error(unavailable).
+  /// Throws the Error of a status that is not OK. Where no connection came about, says why TLS failed if it did. What was not
+  /// cancelled here was cut off by a server that shuts down: Error(unavailable).
   void check(const grpc::Status& status) const;
 
   grpc::ClientContext context;  ///< of this attempt alone

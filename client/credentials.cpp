@@ -295,7 +295,7 @@ std::string client_refused(const TlsOptions& tls) {
          quoted_name(X509_get_issuer_name(certificate.get()));
 }
 
-/// What the server does, as the end of a sentence; empty when all is well or nothing can be told.
+/// What the server does, as the end of a sentence; empty when all is well or nothing is known.
 std::string handshake_failure(const Socket& socket, const TlsOptions& tls, Findings& findings) {
   const SslContext context = make_context(tls);
   const SslConnection ssl = make_connection(context.get(), socket, findings);

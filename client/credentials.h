@@ -13,8 +13,8 @@
 
 namespace deform::client {
 
-/// Of a channel: TLS with the files of the options, which are read now, or plain text. Throws Error(invalid_argument) naming the
-/// option and its file, or because a token would travel in plain text to another machine.
+/// The credentials of a channel: TLS with the files of the options, which are read now, or plain text. Throws
+/// Error(invalid_argument) naming the option and its file, or because a token would travel in plain text to another machine.
 std::shared_ptr<grpc::ChannelCredentials> channel_credentials(const ClientOptions& options);
 
 /// The name that a certificate must have to be this server's: the one given, or the host of the address.

@@ -220,7 +220,8 @@ void ReplyDecoder::finish_design(std::unique_lock<std::mutex>& lock, std::size_t
   deliver(lock);
 }
 
-/// Whoever finishes a design while nobody delivers does it, for those that come meanwhile too: one thread at a time, in order.
+/// A thread that finishes a design while no other one delivers does so, for those that come meanwhile too: one thread at a time,
+/// in order.
 void ReplyDecoder::deliver(std::unique_lock<std::mutex>& lock) {
   if (delivering_) return;
   delivering_ = true;

@@ -77,7 +77,7 @@ bool misread(const std::string& address, const Obstacle& obstacle) {
   return obstacle.sign == no_such_file && !address.starts_with("unix:");
 }
 
-/// Of a status without a connection: what is known, else gRPC's own words.
+/// The reason for a status without a connection: what is known, else gRPC's own words.
 NotConnected unreached(const std::string& address, const std::string& message) {
   const auto* known = find_obstacle(message);
   const bool none = known == std::end(obstacles);

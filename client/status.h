@@ -22,7 +22,7 @@ class NotConnected : public Error {
   bool silent_;
 };
 
-/// A connection that somebody answered and that came to nothing: not one that nobody listened to, or that nobody answered in
+/// Whether a connection was answered and came to nothing, rather than that no process listened at the address or answered in
 /// time.
 bool failed_handshake(const grpc::Status& status);
 

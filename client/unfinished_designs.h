@@ -12,7 +12,7 @@
 namespace deform::client {
 
 /// The designs of a request that its sink has not taken yet. An attempt after the first one asks for these only, by their places
-/// among them, which nobody sees: not the sink, not the memory, not who reads an error. One thread.
+/// among them, which remain internal: sink, memory and errors see the places in the request. One thread.
 class UnfinishedDesigns {
  public:
   /// All of it. What it is given must outlive it; without a sink nothing is ever taken.

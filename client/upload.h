@@ -19,7 +19,7 @@ class GeometryMessages {
 
   /// False after the last one.
   bool next(v1::RegisterGeometryRequest& message);
-  /// Of the payload handed out so far, 0..1.
+  /// The fraction of the payload that was handed out so far, 0..1.
   double fraction() const;
 
  private:

@@ -56,7 +56,7 @@ SplitLine split(const std::string& line, char separator) {
   return result;
 }
 
-/// Of a header line: semicolons where there are some and no commas, outside of quotes.
+/// The separator of a header line: a semicolon if there are some and no commas, outside of quotes.
 char separator_of(const std::string& header) {
   char separator = ',';
   bool quoted = false;

@@ -18,7 +18,7 @@ struct Csv {
   /// A row that is none; with BadRows::keep only.
   struct BadRow {
     std::size_t line = 0;
-    std::vector<std::string> fields;  ///< as far as they could be told apart
+    std::vector<std::string> fields;  ///< as far as they could be separated
     std::string reason;               ///< with name and line
   };
   std::string name;  ///< for errors

@@ -28,7 +28,7 @@ std::vector<PointId> ids_of(const nlohmann::json& list, const std::string& what)
   return ids;
 }
 
-/// Of JSON, which keeps the last of members that have the same name: sets of one name are refused.
+/// Parses JSON. The parser keeps the last of members that have the same name, so sets of one name are refused.
 nlohmann::json parsed(const std::string& text, const std::string& path) {
   std::set<std::string> names;
   return nlohmann::json::parse(text, [&](int depth, nlohmann::json::parse_event_t event, const nlohmann::json& value) {

@@ -186,7 +186,7 @@ class Walker {
     for (const std::uint32_t id : ids) reflection.AddUInt32(&message, &field, id);
   }
 
-  /// Wrong content is told with the line.
+  /// Wrong content is reported with the line.
   [[noreturn]] void refuse_file(const YAML::Node& node, const std::string& path, const Error& error) const {
     if (error.code() != ErrorCode::invalid_argument && error.code() != ErrorCode::not_found) throw error;
     refuse(node, path, error.what());
@@ -293,7 +293,7 @@ class Walker {
     std::string all;
     for (int i = 0; i < type.value_count(); ++i) {
       const std::string& name = type.value(i)->name();
-      if (name.ends_with("_DEFAULT")) continue;  // what a missing key means; nobody writes it
+      if (name.ends_with("_DEFAULT")) continue;  // what a missing key means; never written
       names.push_back(name);
       all += (all.empty() ? "" : ", ") + name;
     }

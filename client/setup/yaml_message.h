@@ -20,7 +20,7 @@ namespace deform::client {
 void parse_yaml(const std::string& text, const std::string& name, google::protobuf::Message& message);
 
 /// What stands for a list of integers: {file: NAME, set: NAME}, the latter empty where it is left out. Throws
-/// Error(invalid_argument) or Error(not_found), which are told with the line.
+/// Error(invalid_argument) or Error(not_found), which are reported with the line.
 using ReadIds = std::function<std::vector<std::uint32_t>(const std::string& file, const std::string& set)>;
 /// What stands for bytes: {file: NAME}. Throws as ReadIds.
 using ReadBytes = std::function<std::string(const std::string& file)>;

@@ -15,7 +15,7 @@ enum class ErrorCode {
   not_found,            ///< no object has this id or name
   already_exists,       ///< the name is already in use
   failed_precondition,  ///< valid input in the wrong state (a geometry is still in use, ...)
-  unauthenticated,      ///< the server asks who calls and was not told, or does not know the caller
+  unauthenticated,      ///< the server requires an identity, and the call has none or an unknown one
   permission_denied,    ///< the caller is known and may not do this
   out_of_budget,        ///< more memory, queue space or time needed than allowed; the message gives the numbers
   numerical_failure,    ///< the mathematics broke down (singular system, ...)
@@ -26,7 +26,7 @@ enum class ErrorCode {
   internal,             ///< a bug
 };
 
-/// Of which there is too little, where a server refuses what it could do at another time or for another caller.
+/// What there is too little of, where a server refuses what it could do at another time or for another caller.
 enum class Refusal {
   none,      ///< not refused for the state of the server
   queue,     ///< places among those that wait
@@ -49,11 +49,11 @@ class Error : public std::runtime_error {
   /// For out_of_budget and unavailable: the time in milliseconds after which the same request may succeed. 0 means that only a
   /// different request can succeed.
   std::uint32_t retry_after_ms() const { return retry_after_ms_; }
-  /// The same error, of which a client is told other words: what() is then for those who look after the server, and names what is
+  /// The same error, of which clients get other words: what() is then for those who look after the server, and names what is
   /// nobody else's business, such as the folders of its machine.
-  Error told_as(const std::string& message) const {
+  Error with_public_message(const std::string& message) const {
     Error error(*this);
-    error.told_ = std::make_shared<const std::string>(message);
+    error.public_ = std::make_shared<const std::string>(message);
     return error;
   }
   /// The same error as a refusal of that kind, which is counted by it.
@@ -63,14 +63,14 @@ class Error : public std::runtime_error {
     return error;
   }
   Refusal refusal() const { return refusal_; }
-  /// What a client is told: what(), unless told_as() gave it other words.
-  const char* told() const { return told_ ? told_->c_str() : what(); }
+  /// The words for clients: what(), unless with_public_message() gave it other words.
+  const char* public_message() const { return public_ ? public_->c_str() : what(); }
 
  private:
   ErrorCode code_;
   std::uint32_t retry_after_ms_;
   Refusal refusal_ = Refusal::none;
-  std::shared_ptr<const std::string> told_;  // null: what(); shared, so that copying cannot fail
+  std::shared_ptr<const std::string> public_;  // null: what(); shared, so that copying cannot fail
 };
 
 /// The name of the code in snake case ("invalid_argument").

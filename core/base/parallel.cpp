@@ -61,7 +61,7 @@ void run_ranges(std::size_t ranges, int threads, const RunRange& run) {
 #else
 
 void run_ranges(std::size_t ranges, int threads, const RunRange& run) {
-  // Of all loops together: more threads than the quota allows would stand still together when it is used up.
+  // The limit of all loops together: more threads than the quota allows would stand still together when it is used up.
   static const oneapi::tbb::global_control at_most(oneapi::tbb::global_control::max_allowed_parallelism,
                                                    static_cast<std::size_t>(available_cores()));
   // In a group of its own: a loop that is inside a range of another one must not end without a word, with ranges that never ran,

@@ -411,7 +411,7 @@ class Application {
     throw Error(ErrorCode::failed_precondition, request_.model.string() + ": " + why + "; nothing is written");
   }
 
-  /// Of parts that were valid; empty: none.
+  /// The faults of parts that were valid; empty: none.
   std::string faults_of(const Document& document) const {
     for (std::size_t i = 0; i < document.parts.size(); ++i) {
       const std::string faults = cad::faults_of(document.parts[i].shape);

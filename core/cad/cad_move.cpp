@@ -320,7 +320,7 @@ class Carrier {
     return patch;
   }
 
-  /// Of a node on an edge or vertex, or of a neighbouring face where it should have been on the edge.
+  /// The parameters of a node on an edge or vertex, or of a neighbouring face where it should have been on the edge.
   Parameters uv_on_edges(int face, std::size_t i, const Vec3& place) const {
     const Owner& owner = owners_[i];
     gp_Pnt2d uv;

@@ -29,8 +29,8 @@ struct MoveRequest {
   double scale = 1;
   /// Largest distance of a node of the boundary from the old model, model units; 0: automatic, 1e-4 D of the old model.
   double tolerance = 0;
-  /// Of each face of the mesh the entity on which it lies, such as the tag of a surface in Gmsh, 0: none; empty: not known. Those
-  /// that lie on one face of the old model hold their nodes to it, where another one is as near.
+  /// For each face of the mesh the entity on which it lies, such as the tag of a surface in Gmsh, 0: none; empty: not known.
+  /// Those that lie on one face of the old model hold their nodes to it, where another one is as near.
   std::vector<std::int32_t> face_entities;
 };
 
@@ -57,13 +57,13 @@ struct CarriedNodes {
   double distance = 0;             ///< largest distance of a checked node from the new entity that holds it
   std::size_t checked = 0;         ///< nodes for which that was measured
   std::size_t on_vertices = 0, on_edges = 0, on_faces = 0;  ///< where the nodes are
-  /// Of all faces.
+  /// The sum over all faces.
   std::size_t flipped() const {
     std::size_t sum = 0;
     for (const FaceOutcome& face : faces) sum += face.flipped;
     return sum;
   }
-  /// Of all faces.
+  /// The sum over all faces.
   std::size_t outside() const {
     std::size_t sum = 0;
     for (const FaceOutcome& face : faces) sum += face.outside;

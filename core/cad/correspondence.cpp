@@ -109,7 +109,7 @@ class Matching {
     types_after_ = kinds_of_faces(*models_[1]);
   }
 
-  /// Of faces where types are left out: of one type, or one of them has no shape of its own.
+  /// Whether faces may be partners where types are left out: they are of one type, or one of them has no shape of its own.
   bool may_become(int f, int partner) const {
     const auto free = [](const std::vector<int>& kind) { return kind[1] > GeomAbs_Torus; };
     return types_before_[f] == types_after_[partner] || free(types_before_[f]) || free(types_after_[partner]);
@@ -385,10 +385,10 @@ class Matching {
   }
 
   /// What neighbours make of it, where structure allows it.
-  void take(Colours told, Marks& marks, int count, int& counted) {
+  void take(Colours given, Marks& marks, int count, int& counted) {
     try {
       tries_ = 0;
-      std::optional<Colours> finer = refined(std::move(told));
+      std::optional<Colours> finer = refined(std::move(given));
       if (!finer || !complete(*finer, file_view())) return;
       marks.colours = *std::move(finer);
       counted = count;
@@ -575,14 +575,14 @@ class Matching {
     return colours;
   }
 
-  /// Nearest candidates first, until all are told apart. Nothing when there is no way.
+  /// Nearest candidates first, until all are distinguished. Nothing when there is no way.
   std::optional<Colours> complete(Colours colours, const View& view) {
-    auto told = refined(std::move(colours));
-    if (!told) return std::nullopt;
-    const Branch at = branch(*told, view);
-    if (at.of < 0) return told;
+    auto finer = refined(std::move(colours));
+    if (!finer) return std::nullopt;
+    const Branch at = branch(*finer, view);
+    if (at.of < 0) return finer;
     for (const int b : at.candidates) {
-      if (auto done = complete(fixed(*told, at.of, b), view)) return done;
+      if (auto done = complete(fixed(*finer, at.of, b), view)) return done;
     }
     return std::nullopt;
   }
@@ -636,7 +636,7 @@ class Matching {
     }
   }
 
-  /// The partners of entities that are told apart; -1: none yet.
+  /// The partners of entities that are distinguished; -1: none yet.
   std::vector<int> singles(const Colours& colours) const {
     std::map<int, std::array<int, 3>> of;  // members before, member before, member after
     for (int i = 0; i < before_.size_of_graph(); ++i) {
@@ -652,7 +652,7 @@ class Matching {
     return pairs;
   }
 
-  /// Whether the loops of the faces that are told apart run as those of their partners.
+  /// Whether the loops of the faces that are distinguished run as those of their partners.
   bool may_run_so(const Colours& colours) {
     const std::vector<int> pairs = singles(colours);
     const bool solid = models_[0]->solids.Extent() > 0 && models_[1]->solids.Extent() > 0;

@@ -34,10 +34,10 @@ struct Correspondence {
 /// Throws Error(failed_precondition) naming faces when there is no way, none that is clear, or a contradiction;
 /// Error(invalid_argument) for pairs out of range.
 Correspondence match_models(const Model& before, const Model& after, std::span<const ForcedPair> pairs,
-                            FaceTypes types = FaceTypes::told);
+                            FaceTypes types = FaceTypes::known);
 
-/// Whether the incidences of two models can be told apart by colour refinement.
-bool structures_differ(const Model& before, const Model& after, FaceTypes types = FaceTypes::told);
+/// Whether colour refinement distinguishes the incidences of two models.
+bool structures_differ(const Model& before, const Model& after, FaceTypes types = FaceTypes::known);
 
 /// How many planes have normals that turn by more than 45 degrees from a face to its partner, as a share of all.
 double turned_planes(const Model& before, const Model& after, const Correspondence& partners);

@@ -29,7 +29,7 @@ constexpr double sure = 1e-2;       ///< square of sizes of a face: (u, v) of pa
 constexpr double rounding = 1e-6;   ///< of the size of a face: (u, v) of edges that did not move
 constexpr double fitting = 1e-2;    ///< likewise: readers put edges anew on splines, as near as these are
 
-/// Of the middles of the edges of each face, each times a number between 0 and 1 that follows from that of the face.
+/// The sum of the middles of the edges of each face, each times a number between 0 and 1 that follows from that of the face.
 Vec3 sum_of_places(const Model& model) {
   Vec3 sum{};
   for (int f = 0; f < model.face_count(); ++f) {

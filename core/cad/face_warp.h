@@ -25,8 +25,8 @@ struct BoundaryPair {
   Parameters from{}, to{};
 };
 
-/// Of samples along all edges of a face, at most one at each place in (u, v) scaled by `scale`. edges: of all edges of the old
-/// model; samples: how many each edge gets at least.
+/// Pairs of samples along all edges of a face, at most one at each place in (u, v) scaled by `scale`. edges: maps of all edges of
+/// the old model; samples: how many each edge gets at least.
 std::vector<BoundaryPair> boundary_pairs(const Model& before, const Model& after, const Correspondence& partners, int face,
                                          const std::vector<EdgeMap>& edges, const std::vector<int>& samples,
                                          const std::array<double, 2>& scale);

@@ -82,7 +82,7 @@ constexpr std::array<Unit, 12> units{{{"millimetre", "MM", 1e-3},
                                       {"in", "INCH", 0.0254},
                                       {"ft", "FT", 0.3048}}};
 
-/// Of the bounding box of points on edges and faces. BRepBndLib's exact box of splines takes seconds.
+/// The diagonal of the bounding box of points on edges and faces. BRepBndLib's exact box of splines takes seconds.
 double diagonal_of(const Model& model) {
   Bnd_Box box;
   constexpr int pieces = 64, across = 24;

@@ -133,7 +133,7 @@ class GraphMaker {
 
   void add_face(int f) {
     const BRepAdaptor_Surface surface(model_.face(f));
-    graph_.kinds[f] = types_ == FaceTypes::told ? kind_of(model_, f, surface) : std::vector<int>{0};
+    graph_.kinds[f] = types_ == FaceTypes::known ? kind_of(model_, f, surface) : std::vector<int>{0};
     GProp_GProps properties;
     BRepGProp::SurfaceProperties(model_.face(f), properties);
     graph_.places[f] = coordinates(properties.CentreOfMass());
@@ -143,7 +143,7 @@ class GraphMaker {
       graph_.normals[f] = static_cast<double>(model_.face_sense(f)) * Vec3{normal.X(), normal.Y(), normal.Z()};
     }
     const TopoDS_Wire outer =
-        surface.GetType() == GeomAbs_Plane && types_ == FaceTypes::told ? BRepTools::OuterWire(model_.face(f)) : TopoDS_Wire();
+        surface.GetType() == GeomAbs_Plane && types_ == FaceTypes::known ? BRepTools::OuterWire(model_.face(f)) : TopoDS_Wire();
     for (TopExp_Explorer wire(model_.face(f), TopAbs_WIRE); wire.More(); wire.Next()) {
       const int node = graph_.first_wire + model_.wires.FindIndex(wire.Current()) - 1;
       link(f, node);

@@ -31,10 +31,10 @@ struct ModelGraph {
 };
 
 /// left_out: faces are all of one kind, and so are loops.
-enum class FaceTypes { told, left_out };
-ModelGraph graph_of(const Model& model, FaceTypes types = FaceTypes::told);
+enum class FaceTypes { known, left_out };
+ModelGraph graph_of(const Model& model, FaceTypes types = FaceTypes::known);
 
-/// The kinds of the faces with their types told.
+/// The kinds of the faces with their types.
 std::vector<std::vector<int>> kinds_of_faces(const Model& model);
 
 /// How the old model is laid over the new one before places are compared: x -> scale * turn * (x - from) + to.

@@ -208,7 +208,7 @@ class Finder {
   }
 
  private:
-  /// Of a foot, in the period of the face.
+  /// The owner of a foot, in the period of the face.
   Owner placed(int f, const gp_Pnt2d& uv, const gp_Pnt& p) const {
     const Place& place = faces_[f];
     const Handle(Geom_Surface)& surface = place.surface->Surface();
@@ -384,7 +384,7 @@ std::vector<std::set<int>> faces_at_points(const Mesh& mesh, const std::vector<i
   return around;
 }
 
-/// Of the faces at each point; 0 where there is none.
+/// The shortest side of the faces at each point; 0 where there is none.
 std::vector<double> shortest_sides(const Mesh& mesh) {
   std::vector<double> shortest(mesh.point_count(), 0);
   std::size_t first = 0;

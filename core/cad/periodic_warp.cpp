@@ -99,7 +99,7 @@ PeriodicWarp::PeriodicWarp(const Model& before, const Model& after, const Corres
     system.block<4, 1>(n, i) = system.block<1, 4>(i, n).transpose();
     right.row(i) = shifts[i].transpose();
   }
-  // Of one ring alone the polynomial is not determined.
+  // One ring alone does not determine the polynomial.
   weights_ = least_solution(system, right, 1e-12);
 }
 

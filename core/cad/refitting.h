@@ -21,11 +21,11 @@ namespace deform::cad {
 /// dimensions, and points slide in it: (u, v) of its edges are new.
 enum class Refit { kept, moved, reshaped, fitted };
 
-/// The geometry of a model after a map of space, found in rounds: it says at which points it wants to know the map, is told, and
-/// asks again until the splines meet the map within the tolerance. A surface is interpolated over the (u, v) box of its face, and
-/// a curve over the range of its edge, in their own parameters; so curves in (u, v) stay what they are. What moves rigidly at all
-/// samples in the trimmed face is transformed instead, and what is nearest to a surface of its own analytic type becomes that.
-/// Not thread-safe.
+/// The geometry of a model after a map of space, found in rounds: it names the points at which it needs the map, takes the
+/// values, and asks again until the splines meet the map within the tolerance. A surface is interpolated over the (u, v) box of
+/// its face, and a curve over the range of its edge, in their own parameters; so curves in (u, v) stay what they are. What moves
+/// rigidly at all samples in the trimmed face is transformed instead, and what is nearest to a surface of its own analytic type
+/// becomes that. Not thread-safe.
 class Refitting {
  public:
   struct Limits {
@@ -52,7 +52,7 @@ class Refitting {
   /// The same for the parameters of an edge.
   bool refine_edge(int e, const std::vector<double>& parameters);
 
-  /// Of a finished round. Faces and edges by number from 0; the curve of a degenerate edge is null.
+  /// The geometry after a finished round. Faces and edges by number from 0; the curve of a degenerate edge is null.
   Handle(Geom_Surface) surface(int f) const;
   Handle(Geom_Curve) curve(int e) const;
   const Vec3& vertex(int v) const { return vertices_[v]; }
@@ -65,7 +65,7 @@ class Refitting {
   /// Distance of the new curve of an edge from where the map takes its point.
   double edge_error(int e, double t, const Vec3& target) const;
   bool edge_held(int e) const { return edges_[e].held; }  ///< with a held face
-  /// Of a reshaped face, else null.
+  /// The new surface of a reshaped face, else null.
   const Handle(Geom_ElementarySurface) & reshaped(int f) const { return faces_[f].reshaped; }
 
   /// Whether the face goes as the nodes of the mesh on it do, not as the map between them.

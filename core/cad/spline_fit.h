@@ -40,7 +40,7 @@ class SplineFit {
   const SplineAxis& axis(int k) const { return axes_[k]; }
   int axes() const { return static_cast<int>(axes_.size()); }
 
-  /// Of the nodes, whose values have to be known.
+  /// The fit to the nodes, whose values have to be known.
   Vec3 value(const Parameters& at) const;
   Handle(Geom_BSplineSurface) surface() const;
   Handle(Geom_BSplineCurve) curve() const;

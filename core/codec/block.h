@@ -63,7 +63,7 @@ class ChecksumFold {
   ChecksumFold& operator=(ChecksumFold&&) noexcept;  ///< the other may only be assigned to or destroyed
   /// The next block's, in their order.
   void add(std::uint64_t block_checksum);
-  /// Of those so far.
+  /// The checksum of the blocks so far.
   std::uint64_t value() const;
 
  private:

@@ -39,7 +39,7 @@ struct Report {
 /// their bounds, designs that send coincident points to different places or points of a symmetry plane out of it.
 class Deformation {
  public:
-  /// Of a content that read_content() gave, or that keeps its rules.
+  /// Takes a content that read_content() gave, or that keeps its rules.
   explicit Deformation(Content content);
   /// Reads a file, see read_content().
   static Deformation load(const std::filesystem::path& file);

@@ -31,8 +31,8 @@ Affine motion_at(const VariableMotion& motion, double v);
 /// Its derivative with respect to v: maps positions at rest to rates.
 Affine motion_rate(const VariableMotion& motion, double v);
 
-/// Why a value cannot be told from its neighbours, as the end of a sentence: a rotation by more than 1e12 radians, which a double
-/// rounds by more than 1e-4. Empty for all others.
+/// Why a value cannot be distinguished from its neighbours, as the end of a sentence: a rotation by more than 1e12 radians, which
+/// a double rounds by more than 1e-4. Empty for all others.
 std::string unusable_value(const VariableMotion& motion, double v);
 
 /// What a map of positions makes of a body. It is flattened if the least singular value of the linear part is below about 1e-6 of

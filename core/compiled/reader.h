@@ -14,7 +14,7 @@ namespace deform::compiled {
 class ByteSource {
  public:
   virtual ~ByteSource() = default;
-  /// Of the whole file.
+  /// The size of the whole file, bytes.
   virtual std::uint64_t size() const = 0;
   /// Fills all of `out`. Throws Error(data_loss) where there are not so many bytes any more.
   virtual void read(std::span<std::byte> out) = 0;

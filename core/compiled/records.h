@@ -24,10 +24,10 @@ class Records {
   /// The content, with all but the values of its bases, must outlive this. Throws Error(invalid_argument) for ids that are none
   /// and names beyond 64 KiB.
   Records(const Content& content, Values values);
-  /// Of a content that has the values.
+  /// Writes a content that has the values.
   explicit Records(const Content& content);
 
-  /// Of the whole file.
+  /// The size of the whole file.
   std::uint64_t bytes() const { return bytes_; }
   /// The next piece, whole records; false after the last one.
   bool next(std::vector<std::byte>& piece);

@@ -28,28 +28,51 @@ using Regions = std::span<const std::vector<Vec3>>;
 
 constexpr std::size_t any_number = 1000;  ///< of regions
 
-/// Name, numbers of regions, points in all and in each.
+/// Name, what becomes of mirror images, numbers of regions, points in all and in each.
 struct Needs {
   std::string_view name;
+  Mirroring mirroring;
   std::size_t least_regions = 1, most_regions = 1, points = 1, points_each = 1;
 };
 
 struct NeedsOf {
-  Needs operator()(const Planar&) const { return {"planar", 1, 1, 4}; }
-  Needs operator()(const Circular&) const { return {"circular", 1, 1, 4}; }
-  Needs operator()(const Cylindrical&) const { return {"cylindrical", 1, 1, 6}; }
-  Needs operator()(const Spherical&) const { return {"spherical", 1, 1, 5}; }
-  Needs operator()(const Conical&) const { return {"conical", 1, 1, 7}; }
-  Needs operator()(const Straight&) const { return {"straight", 1, 1, 3}; }
-  Needs operator()(const FeatureLine&) const { return {"feature_line", 1, 1, 3}; }
-  Needs operator()(const Rigid&) const { return {"rigid", 1, 1, 2}; }
-  Needs operator()(const FixedPlane&) const { return {"fixed_plane", 1, 1, 1}; }
-  Needs operator()(const Symmetric&) const { return {"symmetric", 1, 2, 3}; }
-  Needs operator()(const Coplanar&) const { return {"coplanar", 2, any_number, 4}; }
-  Needs operator()(const Parallel&) const { return {"parallel", 2, any_number, 6, 3}; }
-  Needs operator()(const Orthogonal&) const { return {"orthogonal", 2, 2, 6, 3}; }
-  Needs operator()(const Distance&) const { return {"distance", 2, 2, 2}; }
-  Needs operator()(const Extent&) const { return {"extent", 1, 1, 2}; }
+  Needs operator()(const Planar&) const { return {"planar", Mirroring::shape, 1, 1, 4}; }
+  Needs operator()(const Circular&) const { return {"circular", Mirroring::shape, 1, 1, 4}; }
+  Needs operator()(const Cylindrical&) const { return {"cylindrical", Mirroring::shape, 1, 1, 6}; }
+  Needs operator()(const Spherical&) const { return {"spherical", Mirroring::shape, 1, 1, 5}; }
+  Needs operator()(const Conical&) const { return {"conical", Mirroring::shape, 1, 1, 7}; }
+  Needs operator()(const Straight&) const { return {"straight", Mirroring::shape, 1, 1, 3}; }
+  Needs operator()(const FeatureLine&) const { return {"feature_line", Mirroring::shape, 1, 1, 3}; }
+  Needs operator()(const Rigid& kind) const {
+    return {"rigid", kind.layers == 0 ? Mirroring::shape : Mirroring::relation, 1, 1, 2};
+  }
+  Needs operator()(const FixedPlane&) const { return {"fixed_plane", Mirroring::direction, 1, 1, 1}; }
+  Needs operator()(const Symmetric&) const { return {"symmetric", Mirroring::direction, 1, 2, 3}; }
+  Needs operator()(const Coplanar&) const { return {"coplanar", Mirroring::relation, 2, any_number, 4}; }
+  Needs operator()(const Parallel&) const { return {"parallel", Mirroring::relation, 2, any_number, 6, 3}; }
+  Needs operator()(const Orthogonal&) const { return {"orthogonal", Mirroring::relation, 2, 2, 6, 3}; }
+  Needs operator()(const Distance&) const { return {"distance", Mirroring::relation, 2, 2, 2}; }
+  Needs operator()(const Extent&) const { return {"extent", Mirroring::direction, 1, 1, 2}; }
+};
+
+struct PlacementOf {
+  Placement operator()(Planar&) const { return {}; }
+  Placement operator()(Circular&) const { return {}; }
+  Placement operator()(Cylindrical&) const { return {}; }
+  Placement operator()(Spherical&) const { return {}; }
+  Placement operator()(Conical&) const { return {}; }
+  Placement operator()(Straight&) const { return {}; }
+  Placement operator()(FeatureLine&) const { return {}; }
+  Placement operator()(Rigid&) const { return {}; }
+  Placement operator()(FixedPlane& kind) const { return {{&kind.point}, {&kind.normal}}; }
+  Placement operator()(Symmetric& kind) const {
+    return kind.plane ? Placement{{&kind.plane->point}, {&kind.plane->normal}} : Placement{};
+  }
+  Placement operator()(Coplanar&) const { return {}; }
+  Placement operator()(Parallel&) const { return {}; }
+  Placement operator()(Orthogonal&) const { return {}; }
+  Placement operator()(Distance&) const { return {}; }
+  Placement operator()(Extent& kind) const { return {{}, {&kind.axis}}; }
 };
 
 struct NumbersOf {
@@ -235,6 +258,10 @@ Maker::Made Maker::operator()(const Extent& kind) const {
 }  // namespace
 
 std::string_view kind_name(const ConstraintKind& kind) { return std::visit(NeedsOf{}, kind).name; }
+
+Mirroring mirroring_of(const ConstraintKind& kind) { return std::visit(NeedsOf{}, kind).mirroring; }
+
+Placement placement_of(ConstraintKind& kind) { return std::visit(PlacementOf{}, kind); }
 
 std::vector<double> numbers_of(const ConstraintKind& kind) { return std::visit(NumbersOf{}, kind); }
 

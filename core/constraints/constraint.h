@@ -108,6 +108,20 @@ std::string_view kind_name(const ConstraintKind& kind);
 /// The options of a constraint as numbers, so that two constraints of a kind can be compared. Directions are not normalized.
 std::vector<double> numbers_of(const ConstraintKind& kind);
 
+/// What becomes of a constraint where the model continues as its mirror image.
+enum class Mirroring {
+  shape,      ///< its points fit one shape, which may continue through the plane
+  relation,   ///< it relates points to each other: what lies on the plane belongs to both sides
+  direction,  ///< it names a plane or an axis: the mirror image has that of its own
+};
+Mirroring mirroring_of(const ConstraintKind& kind);
+
+/// The places and directions that the options of a constraint name.
+struct Placement {
+  std::vector<Vec3*> points, directions;  ///< parts of the options
+};
+Placement placement_of(ConstraintKind& kind);
+
 /// The smallest and the largest number of regions of a kind.
 std::array<std::size_t, 2> region_counts(const ConstraintKind& kind);
 

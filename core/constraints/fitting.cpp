@@ -104,8 +104,8 @@ Eigen::VectorXd residual_scale(const Eigen::MatrixXd& gauss_newton, const Eigen:
   return gauss_newton.diagonal().cwiseSqrt().cwiseMax(1e-6 * natural);
 }
 
-ActiveDerivatives picked(const double* gradient, const double* gauss_newton, const double* curvature, std::size_t count,
-                         const std::vector<int>& active) {
+ActiveDerivatives selected(const double* gradient, const double* gauss_newton, const double* curvature, std::size_t count,
+                           const std::vector<int>& active) {
   const auto n = static_cast<Eigen::Index>(active.size());
   ActiveDerivatives some{0, Eigen::VectorXd(n), Eigen::MatrixXd(n, n), Eigen::MatrixXd(n, n)};
   for (Eigen::Index j = 0; j < n; ++j) {

@@ -222,11 +222,11 @@ struct ActiveDerivatives {
   Eigen::MatrixXd gauss_newton, newton;
 };
 /// Picks them out of those with respect to `count` parameters: a gradient and two matrices, column by column.
-ActiveDerivatives picked(const double* gradient, const double* gauss_newton, const double* curvature, std::size_t count,
-                         const std::vector<int>& active);
+ActiveDerivatives selected(const double* gradient, const double* gauss_newton, const double* curvature, std::size_t count,
+                           const std::vector<int>& active);
 template <int sizes>
 ActiveDerivatives active_derivatives(const FitDerivatives<sizes>& all, const std::vector<int>& active) {
-  ActiveDerivatives some = picked(all.gradient.data(), all.gauss_newton.data(), all.curvature.data(), motions + sizes, active);
+  ActiveDerivatives some = selected(all.gradient.data(), all.gauss_newton.data(), all.curvature.data(), motions + sizes, active);
   some.energy = all.energy;
   return some;
 }

@@ -5,23 +5,27 @@
 #include <cstddef>
 #include <memory>
 #include <optional>
+#include <string>
 #include <string_view>
 #include <vector>
 
+#include "core/deformers/method_features.h"
 #include "core/deformers/setup.h"
 #include "core/deformers/system.h"
 #include "core/mesh/mesh.h"
 
 namespace deform {
 
-/// The optional parts of a setup that a method supports.
-struct MethodFeatures {
-  bool symmetry = false;     ///< symmetry planes of its own; other methods deform the model with its images, see MirroredSystem
-  bool constraints = false;  ///< geometric constraints
+/// A region that the options of a method name.
+struct OptionRegion {
+  std::string field;  ///< its path in the setup: "method.mls.weights[2].region"
+  Region* region;     ///< part of the options
 };
 
 /// A deformation method, from its options to a prepared system. All functions are stateless.
 ///  - name: the name of the method; its options are the field method.NAME of a setup.
+///  - features: see MethodFeatures.
+///  - regions: the regions of its options; most have none.
 ///  - validate: throws Error(invalid_argument) naming the field for options that are out of range. Handles and design variables
 ///    have been checked before.
 ///  - known_centres: the points that become centres of an RBF, ascending, unless the preparation chooses them.
@@ -34,6 +38,7 @@ concept Method = requires(const typename M::Options& options, typename M::Option
   { M::name } -> std::convertible_to<std::string_view>;
   { M::features } -> std::convertible_to<MethodFeatures>;
   { changed.basis } -> std::same_as<BasisMode&>;
+  { M::regions(changed) } -> std::same_as<std::vector<OptionRegion>>;
   { M::validate(options, setup, mesh) } -> std::same_as<void>;
   { M::known_centres(options, mesh, regions, context) } -> std::same_as<std::optional<std::vector<PointId>>>;
   { M::estimate(options, mesh, setup, regions, context) } -> std::same_as<Estimate>;

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <iterator>
 #include <string>
-#include <type_traits>
 
 #include "core/base/error.h"
 #include "core/deformers/composed/composed_setup.h"
@@ -55,10 +54,7 @@ void validate_method(const Setup& setup, const Mesh& mesh, Problems& problems) {
     problems.check("method", [&] {
       if (setup.symmetry.empty()) return;
       if (keeps_symmetry(setup)) return;
-      // Their samples are not symmetric, and the mean over the images leaves the shapes by as much.
-      constexpr bool sampled =
-          std::is_same_v<typename M::Options, SubspaceOptions> || std::is_same_v<typename M::Options, MlsOptions>;
-      for (std::size_t i = 0; sampled && i < setup.constraints.size(); ++i) {
+      for (std::size_t i = 0; M::features.sampled && i < setup.constraints.size(); ++i) {
         if (!setup.constraints[i].exact) continue;
         refuse("constraints[" + std::to_string(i) + "].exact", "exact constraints in half models",
                "method.shell or method.ffd, leave `exact` out, or deform the whole model");
@@ -80,6 +76,10 @@ void validate_method(const Setup& setup, const Mesh& mesh, Problems& problems) {
       }
     });
   });
+}
+
+std::vector<OptionRegion> option_regions(Setup& setup) {
+  return with_method(setup, []<Method M>(typename M::Options& options) { return M::regions(options); });
 }
 
 bool selects_controls(const Setup& setup) {

@@ -47,6 +47,9 @@ decltype(auto) with_method(SetupType& setup, const Use& use) {
 /// the field. Called by validate() after the checks of handles and variables.
 void validate_method(const Setup& setup, const Mesh& mesh, Problems& problems);
 
+/// The regions that the options of the method name, with their paths.
+std::vector<OptionRegion> option_regions(Setup& setup);
+
 /// Whether handles and fixed regions of the setup select control points. A method that supports this has `static bool
 /// selects_controls(const Options&)` and `static ControlSet controls(const Options&, const Mesh&, const Symmetry&)`.
 bool selects_controls(const Setup& setup);

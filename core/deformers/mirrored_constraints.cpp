@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <type_traits>
 #include <utility>
 
 #include "core/base/problems.h"
@@ -22,33 +21,10 @@ constexpr double misfit_growth = 5;      // a parabola whose vertex is in the pl
 
 using Places = std::vector<std::vector<PointId>>;  // of each region
 
-/// Whether a constraint fits one shape to its points, which may continue through a plane.
-bool is_shape(const ConstraintKind& kind) {
-  return std::visit(
-      []<typename Kind>([[maybe_unused]] const Kind& options) {
-        if constexpr (std::is_same_v<Kind, Rigid>) return options.layers == 0;
-        return std::is_same_v<Kind, Planar> || std::is_same_v<Kind, Circular> || std::is_same_v<Kind, Cylindrical> ||
-               std::is_same_v<Kind, Spherical> || std::is_same_v<Kind, Conical> || std::is_same_v<Kind, Straight> ||
-               std::is_same_v<Kind, FeatureLine>;
-      },
-      kind);
-}
-
-bool has_direction(const ConstraintKind& kind) {
-  return std::holds_alternative<FixedPlane>(kind) || std::holds_alternative<Symmetric>(kind) ||
-         std::holds_alternative<Extent>(kind);
-}
-
 ConstraintKind mirrored_kind(ConstraintKind kind, const MirroredMesh& mirrored, std::size_t image) {
-  if (auto* plane = std::get_if<FixedPlane>(&kind)) {
-    plane->point = mirrored.reflected_point(plane->point, image);
-    plane->normal = mirrored.reflected(plane->normal, image);
-  } else if (auto* symmetric = std::get_if<Symmetric>(&kind); symmetric != nullptr && symmetric->plane) {
-    symmetric->plane->point = mirrored.reflected_point(symmetric->plane->point, image);
-    symmetric->plane->normal = mirrored.reflected(symmetric->plane->normal, image);
-  } else if (auto* extent = std::get_if<Extent>(&kind)) {
-    extent->axis = mirrored.reflected(extent->axis, image);
-  }
+  const Placement placement = placement_of(kind);
+  for (Vec3* const point : placement.points) *point = mirrored.reflected_point(*point, image);
+  for (Vec3* const direction : placement.directions) *direction = mirrored.reflected(*direction, image);
   return kind;
 }
 
@@ -95,7 +71,8 @@ std::size_t continued_planes(const Constraint& constraint, const Places& regions
       within &= symmetry.on(id);
     }
   }
-  if (!is_shape(constraint.kind)) return has_direction(constraint.kind) ? 0 : within;
+  const Mirroring mirroring = mirroring_of(constraint.kind);
+  if (mirroring != Mirroring::shape) return mirroring == Mirroring::direction ? 0 : within;
   const Mesh& whole = *mirrored.mesh();
   const double alone = touched == 0 ? 0 : misfit_at_rest(constraint.kind, regions, whole, units, what);
   std::size_t planes = 0;
@@ -166,7 +143,7 @@ MirroredConstraints::MirroredConstraints(const Setup& half, const Mesh& mesh, co
       copy.kind = mirrored_kind(constraint.kind, mirrored, g);
       copy.regions = regions_of(images_of(own, symmetry, mirrored, g, planes));
     }
-    for (std::size_t k = 0; k < symmetry.planes() && !columns && is_shape(constraint.kind); ++k) {
+    for (std::size_t k = 0; k < symmetry.planes() && mirroring_of(constraint.kind) == Mirroring::shape; ++k) {
       if ((planes >> k & 1u) == 0) continue;
       notes.push_back("Constraint " + constraint.name + " continues through symmetry[" + std::to_string(k) +
                       "]: its points and their mirror images are on one shape.");

@@ -76,7 +76,7 @@ class MirroredMesh {
   std::vector<std::uint8_t> on_;  ///< the planes of each point, or the bits below
   enum OfSector : std::uint8_t { first_boundary = 1, second_boundary = 2, axis = 4 };
   std::vector<PointId> partner_;  ///< of each point of a periodic boundary; empty without a sector
-  /// Of each image the point for each point of the half model, or the next one that is its own, and the one behind its last.
+  /// For each image the point for each point of the half model, or the next one that is its own, and the one behind its last.
   std::vector<std::vector<PointId>> ids_;
   std::shared_ptr<const Mesh> mesh_;
 };

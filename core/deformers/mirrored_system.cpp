@@ -6,7 +6,6 @@
 #include <cmath>
 #include <optional>
 #include <set>
-#include <type_traits>
 #include <utility>
 
 #include "core/base/error.h"
@@ -114,12 +113,8 @@ Setup whole_setup(const Setup& half, const Mesh& mesh, const SelectedRegions& re
   }
   setup.fixed.clear();
   if (!regions.fixed.empty()) setup.fixed.push_back({Region::Ids{all_images(regions.fixed, mirrored)}});
-  if (auto* mls = std::get_if<MlsOptions>(&setup.method)) {
-    for (std::size_t i = 0; i < mls->weights.size(); ++i) {
-      const std::vector<PointId> ids =
-          select(mls->weights[i].region, mesh, "method.mls.weights[" + std::to_string(i) + "].region");
-      mls->weights[i].region = {Region::Ids{all_images(ids, mirrored)}};
-    }
+  for (const OptionRegion& option : option_regions(setup)) {
+    *option.region = {Region::Ids{all_images(select(*option.region, mesh, option.field), mirrored)}};
   }
   return setup;
 }
@@ -432,7 +427,8 @@ class MirroredMap : public SpaceMap {
   }
 
   const DesignReport& report() const override { return report_; }
-  Told evaluate(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out, const RunContext& context) const override;
+  Found evaluate(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
+                 const RunContext& context) const override;
 
  private:
   const std::shared_ptr<const MirroredSystem> system_;
@@ -441,8 +437,8 @@ class MirroredMap : public SpaceMap {
   DesignReport report_;
 };
 
-SpaceMap::Told MirroredMap::evaluate(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
-                                     const RunContext& context) const {
+SpaceMap::Found MirroredMap::evaluate(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
+                                      const RunContext& context) const {
   const MirroredMesh& mirrored = system_->mirrored_;
   const Symmetry& symmetry = system_->regions_.symmetry;
   // As those of the mesh, places on a plane are their own images in it.
@@ -451,7 +447,7 @@ SpaceMap::Told MirroredMap::evaluate(std::span<const Vec3> points, std::uint64_t
     return reduced == 0 ? x : mirrored.reflected_point(x, reduced);
   };
   std::vector<std::vector<Vec3>> from(mirrored.images()), to(mirrored.images());
-  Told told;
+  Found found;
   for (std::size_t g = 0; g < mirrored.images(); ++g) {
     for (const Vec3& x : points) {
       const PartnerPlaces::Entry* const partner = partners_.at(x);
@@ -459,9 +455,9 @@ SpaceMap::Told MirroredMap::evaluate(std::span<const Vec3> points, std::uint64_t
                                            : mirrored.mesh()->points[mirrored.image(partner->first, g)]);
     }
     to[g].resize(points.size());
-    const Told of_image = whole_->evaluate(from[g], first, to[g], context);
-    if (g == 0) told.still = of_image.still;
-    told.sums_error = std::max(told.sums_error, of_image.sums_error);
+    const Found of_image = whole_->evaluate(from[g], first, to[g], context);
+    if (g == 0) found.still = of_image.still;
+    found.sums_error = std::max(found.sums_error, of_image.sums_error);
   }
   for (std::size_t i = 0; i < points.size(); ++i) {
     Vec3 u = system_->mean([&](std::size_t g) { return to[g][i] - from[g][i]; });
@@ -471,7 +467,7 @@ SpaceMap::Told MirroredMap::evaluate(std::span<const Vec3> points, std::uint64_t
     out[i] = symmetry.is_sector() ? points[i] + symmetry.from_frame(symmetry.admissible(symmetry.to_frame(u), points[i]))
                                   : symmetry.slid(points[i], points[i] + u, symmetry.on(points[i]));
   }
-  return told;
+  return found;
 }
 
 std::unique_ptr<const SpaceMap> MirroredSystem::bind_in_space(const Design& design, const RunContext& context) const {

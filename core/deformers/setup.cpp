@@ -21,6 +21,17 @@
 
 namespace deform {
 
+double default_reduction_tolerance(Kernel kernel) { return properties(kernel).reduction_tolerance; }
+
+std::vector<std::vector<double>>* samples_of(MethodOptions& method) {
+  return std::visit(
+      []([[maybe_unused]] auto& options) -> std::vector<std::vector<double>>* {
+        if constexpr (requires { options.samples; }) return &options.samples;
+        return nullptr;
+      },
+      method);
+}
+
 double default_cover(const std::optional<Kernel>& kernel) { return kernel && properties(*kernel).local_shape > 0 ? 50 : 8; }
 
 namespace {
@@ -161,7 +172,7 @@ class HeldRegions {
   }
 
   SelectedRegions::Of of() const { return of_; }
-  /// Whether it can be told what the region selects.
+  /// Whether it is known what the region selects.
   bool known(const Region& region) const {
     return method_known_ || (of_ == SelectedRegions::Of::mesh_points && !names_controls(region));
   }
@@ -181,7 +192,7 @@ class HeldRegions {
   ControlSet controls_;
 };
 
-/// Of a point in a set of constraints, which estimates build: its id, its rest position and its part of a projection.
+/// Bytes of a point in a set of constraints, which estimates build: its id, its rest position and its part of a projection.
 constexpr std::size_t set_bytes_per_point = sizeof(PointId) + sizeof(Vec3) + 64;
 
 /// All but its regions.

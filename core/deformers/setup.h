@@ -45,10 +45,8 @@ enum class BasisMode {
   never,      ///< solve every design by the factorization and kernel sums
 };
 
-/// The default of RbfOptions::reduction_tolerance: in measurements it changed the deformable region by less than 1e-2 of the
-/// largest displacement. There the misfits of constraint points are amplified up to sixty times with r^3, and divided by three
-/// with r.
-constexpr double default_reduction_tolerance(Kernel kernel) { return kernel == Kernel::biharmonic ? 1e-3 : 1e-4; }
+/// The default of RbfOptions::reduction_tolerance, see KernelProperties.
+double default_reduction_tolerance(Kernel kernel);
 
 /// The default of RbfOptions::tolerance.
 constexpr double default_tolerance(Solver solver) { return solver == Solver::incremental_qr ? 1e-4 : 1e-6; }
@@ -217,6 +215,10 @@ struct CageOptions {
 
 /// The options of a method; see methods.h.
 using MethodOptions = std::variant<RbfOptions, ShellOptions, SubspaceOptions, MlsOptions, FfdOptions, CageOptions>;
+
+/// The designs of a setup for which a method chooses its functions, as values of its design variables: RbfOptions::samples. Null
+/// if the options have none.
+std::vector<std::vector<double>>* samples_of(MethodOptions& method);
 
 /// A named region that is moved.
 struct Handle {

@@ -117,7 +117,7 @@ std::vector<std::string> variable_notes(const Mesh& mesh, const Setup& setup, co
     });
     if (note.empty()) continue;
     if (notes.size() == most_variables) {
-      notes.push_back("What bounds do is told of the first " + std::to_string(most_variables) + " variables.");
+      notes.push_back("Notes on bounds are about the first " + std::to_string(most_variables) + " variables only.");
       break;
     }
     notes.push_back("Variable " + variable.name + ":" + note);

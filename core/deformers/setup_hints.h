@@ -9,8 +9,8 @@
 #include "core/deformers/setup.h"
 #include "core/mesh/mesh.h"
 
-// What a setup will do with its mesh, told before anything is prepared: numbers in other units than those of the mesh are seen
-// there. `regions` are those of validate(). Any thread.
+// What a setup will do with its mesh, as known before anything is prepared: numbers in other units than those of the mesh are
+// seen there. `regions` are those of validate(). Any thread.
 
 namespace deform {
 

@@ -23,7 +23,7 @@ class SpaceMap {
   virtual ~SpaceMap() = default;
 
   /// What was found about the points of one call.
-  struct Told {
+  struct Found {
     std::size_t still = 0;  ///< points where the deformation is not defined and that stay at rest: outside of a lattice
     double sums_error = 0;  ///< estimated error of sums that are not direct, at these points, model units
   };
@@ -33,8 +33,8 @@ class SpaceMap {
   /// Writes the deformed positions of `points` (model units, finite) to `out`, which has the same size. `first` is the number of
   /// the first point, for messages. Throws Error(invalid_argument) naming points[i] where the deformation does not exist: outside
   /// of a cage with Green coordinates; cancelled, deadline_exceeded.
-  virtual Told evaluate(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
-                        const RunContext& context) const = 0;
+  virtual Found evaluate(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
+                         const RunContext& context) const = 0;
 };
 
 }  // namespace deform

@@ -59,7 +59,7 @@ Setup with_explicit_regions(Setup setup, const SelectedRegions& regions, const M
   }
   setup.variables.clear();
   // They are values of those variables.
-  if (auto* rbf = std::get_if<RbfOptions>(&setup.method)) rbf->samples.clear();
+  if (auto* samples = samples_of(setup.method)) samples->clear();
   return without_basis(std::move(setup));
 }
 

@@ -68,7 +68,7 @@ struct ConstraintReport {
   std::optional<Heights> heights{};         ///< as delivered
   std::optional<Heights> heights_before{};  ///< in the deformation without constraints
 
-  /// Of its points those that handles or fixed regions hold, so that they keep their prescribed positions; each point of the set
+  /// Those of its points that handles or fixed regions hold, so that they keep their prescribed positions; each point of the set
   /// counts, one of two regions twice. Not of columns of cells.
   struct Held {
     static constexpr std::size_t fixed = static_cast<std::size_t>(-1);  ///< by fixed regions

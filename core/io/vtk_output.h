@@ -14,22 +14,24 @@ namespace deform::io {
 
 /// An array of values for each point or each cell.
 struct VtkArray {
-  enum class Type { float64, int32, uint8 };  ///< for integers the values must be integral and in range
-  std::string name;
+  /// The type of the values in the file; for the integers they must be integral and in range.
+  enum class Type { float64, int32, uint8 };
+  std::string name;            ///< name of the array
   std::size_t components = 1;  ///< 3 for vectors
   std::vector<double> values;  ///< components x points or cells
-  Type type = Type::float64;
+  Type type = Type::float64;   ///< type in the file
 };
 
 /// UTF-8 texts about the mesh as a whole, such as the names of the values of an array.
 struct VtkTexts {
-  std::string name;
-  std::vector<std::string> values;
+  std::string name;                 ///< name of the array
+  std::vector<std::string> values;  ///< the texts
 };
 
 /// The arrays of a file in addition to the mesh.
 struct VtkArrays {
-  std::vector<VtkArray> points, cells;
+  std::vector<VtkArray> points;   ///< arrays for each point
+  std::vector<VtkArray> cells;    ///< arrays for each cell
   std::vector<VtkTexts> texts{};  ///< field data
 };
 

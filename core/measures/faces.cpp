@@ -175,7 +175,7 @@ void Body::close(const Mesh& mesh, const FaceChoice& choice, Rims rims) {
   const std::vector<RimEdge> edges = rim_edges(triangles_, coincident_points(mesh.points));
   if (edges.empty()) return;
   for (const RimEdge& edge : edges) {
-    // Of two faces that meet at an edge one traverses it in each direction.
+    // Two faces that meet at an edge traverse it in opposite directions.
     if (edge.surplus > 1) {
       throw Error(ErrorCode::invalid_argument, "faces: those at the edge of points " + std::to_string(edge.from) + " and " +
                                                    std::to_string(edge.to) + " are oriented against each other");

@@ -29,8 +29,8 @@ enum class Rims {
 
 /// The faces that are measured.
 struct FaceChoice {
-  std::vector<std::string> groups;  ///< names of groups of faces; empty: all faces. A face of several groups counts once
-  FaceSource source = FaceSource::faces;
+  std::vector<std::string> groups;        ///< names of groups of faces; empty: all faces. A face of several groups counts once
+  FaceSource source = FaceSource::faces;  ///< where the faces come from
 };
 
 /// Triangles, and the face of each: faces are fans around their first corner. For FaceSource::cells the faces are numbered as
@@ -61,8 +61,8 @@ class Body {
   const std::vector<Triangle>& triangles() const { return triangles_; }
   /// The number of triangles of faces, and the face of each.
   const std::vector<FaceId>& faces() const { return faces_; }
-  bool turned() const { return turned_; }  ///< whether the faces were turned
-  std::size_t rim_count() const { return rims_.size(); }
+  bool turned() const { return turned_; }                 ///< whether the faces were turned
+  std::size_t rim_count() const { return rims_.size(); }  ///< number of connected rims
 
   /// The points and after them the centres of the rims.
   Points with_centres(std::span<const Vec3> points) const;

@@ -198,7 +198,7 @@ class CentreOfGravity : public Measure {
   MomentsIntegrand integrand_;
 };
 
-/// Of faces that need not be closed.
+/// An integral over faces that need not be closed.
 template <typename Integrand>
 class FaceIntegral : public Measure {
  public:

@@ -52,6 +52,7 @@ class Measure {
   Measurement evaluate(std::span<const Vec3> points, Gradients gradients, const RunContext& context = {}) const;
 
  protected:
+  /// Takes n, the number of points of the mesh.
   explicit Measure(std::size_t point_count) : point_count_(point_count) {}
 
  private:

@@ -13,6 +13,7 @@
 
 namespace deform::measures {
 
+/// The options of a filter.
 struct SobolevOptions {
   double length = 0;               ///< r, model units, > 0: waves that are shorter than 2 pi r are damped
   FaceChoice faces;                ///< the surface
@@ -27,6 +28,7 @@ enum class SobolevForm {
   transposed,  ///< M (M + r^2 K)^-1 w: the transpose of `density`, for chain rules
 };
 
+/// A field that was filtered, and how its system was solved.
 struct Filtered {
   std::vector<double> field;   ///< as it was given, n x components
   double residual = 0;         ///< largest |b - A g| / |b| of the components, of the result

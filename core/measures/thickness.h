@@ -26,11 +26,11 @@ struct ThicknessOptions {
   FaceChoice body;              ///< the faces of the body
   Rims rims = Rims::refuse;     ///< what closes rims only tells inside from outside: rays through it have no thickness
   std::vector<std::string> at;  ///< groups of faces where the thickness is measured; empty: all of the body
-  ThicknessMethod method = ThicknessMethod::rays;
-  /// Of the aggregation, model units: the value lies at most this below the least thickness. 0: 5 % of the least thickness of the
-  /// mesh as it is.
+  ThicknessMethod method = ThicknessMethod::rays;  ///< how thickness is measured
+  /// Tolerance of the aggregation, model units: the value lies at most this below the least thickness. 0: 5 % of the least
+  /// thickness of the mesh as it is.
   double tolerance = 0;
-  /// Of spheres: a face opposes a place when its outward normal is at most this many degrees from the inward normal there, so
+  /// For spheres: a face opposes a place when its outward normal is at most this many degrees from the inward normal there, so
   /// that the faces next to a convex edge, between which spheres get as small as they are near to it, do not count. 0 to 90.
   double opposing_degrees = 60;
 };

@@ -13,7 +13,7 @@ namespace deform {
 /// of threads may read.
 class Adjacency {
  public:
-  explicit Adjacency(const Mesh& mesh);
+  explicit Adjacency(const Mesh& mesh);  ///< the mesh must outlive it
 
   /// The faces with `point` as a corner, ascending, each once.
   std::span<const FaceId> faces_of(PointId point) const;

@@ -14,18 +14,18 @@ namespace deform {
 /// convention once validated: any thread may read.
 struct PolyhedralCells {
   std::vector<std::uint64_t> face_offsets{0};  ///< f + 1: face i has corners face_points[face_offsets[i] .. face_offsets[i+1])
-  std::vector<PointId> face_points;
-  std::vector<std::uint32_t> owner;      ///< f
-  std::vector<std::uint32_t> neighbour;  ///< one per internal face
-  std::size_t cell_count = 0;
-  std::vector<char> empty_faces;  ///< f or 0; nonzero for faces of patches of type "empty" (2D meshes)
+  std::vector<PointId> face_points;            ///< corners, face by face
+  std::vector<std::uint32_t> owner;            ///< f
+  std::vector<std::uint32_t> neighbour;        ///< one per internal face
+  std::size_t cell_count = 0;                  ///< c
+  std::vector<char> empty_faces;               ///< f or 0; nonzero for faces of patches of type "empty" (2D meshes)
 
-  std::size_t face_count() const { return face_offsets.size() - 1; }
-  std::size_t internal_faces() const { return neighbour.size(); }
-  std::span<const PointId> face(std::size_t i) const {
+  std::size_t face_count() const { return face_offsets.size() - 1; }  ///< f
+  std::size_t internal_faces() const { return neighbour.size(); }     ///< number of internal faces
+  std::span<const PointId> face(std::size_t i) const {                ///< corners of face i
     return std::span(face_points).subspan(face_offsets[i], static_cast<std::size_t>(face_offsets[i + 1] - face_offsets[i]));
   }
-  std::size_t bytes() const;
+  std::size_t bytes() const;  ///< memory of the arrays
 
   /// Throws Error(invalid_argument) naming the array, index and limit: array lengths that do not match, corners, owners or
   /// neighbours out of range, a face without corners, no cell.

@@ -37,16 +37,16 @@ inline constexpr std::size_t element_types = 11;
 ///                  4567, and 26: centre
 /// Immutable by convention once validated.
 struct Elements {
-  std::vector<ElementType> types;
+  std::vector<ElementType> types;         ///< e
   std::vector<std::uint64_t> offsets{0};  ///< e + 1
-  std::vector<PointId> points;
+  std::vector<PointId> points;            ///< nodes, element by element
 
-  std::size_t size() const { return types.size(); }
-  std::span<const PointId> nodes(std::size_t i) const {
+  std::size_t size() const { return types.size(); }      ///< e
+  std::span<const PointId> nodes(std::size_t i) const {  ///< nodes of element i
     return std::span(points).subspan(offsets[i], static_cast<std::size_t>(offsets[i + 1] - offsets[i]));
   }
-  void add(ElementType type, std::span<const PointId> nodes);
-  std::size_t bytes() const;
+  void add(ElementType type, std::span<const PointId> nodes);  ///< appends an element
+  std::size_t bytes() const;                                   ///< memory of the arrays
 
   /// Throws Error(invalid_argument) naming the array, index and limit: no element, an unknown type, offsets that do not match the
   /// types, nodes out of range.
@@ -55,8 +55,9 @@ struct Elements {
 
 /// The topology of an element type. Nodes are numbered within the element.
 struct ElementShape {
-  const char* name;
-  std::size_t nodes, corners;
+  const char* name;     ///< of the type, as shown to users
+  std::size_t nodes;    ///< number of nodes
+  std::size_t corners;  ///< number of corners
   /// Nodes of each face, counter-clockwise seen from outside: the corners, with a mid-edge node after each one in
   /// quadratic elements.
   std::vector<std::vector<std::uint8_t>> faces;
@@ -67,8 +68,9 @@ struct ElementShape {
   /// The mid-face node of each face, or no_node; empty if no face has one.
   std::vector<std::uint8_t> face_centres;
 
-  static constexpr std::uint8_t no_node = 0xff;
-  bool quadratic() const { return nodes > corners; }
+  static constexpr std::uint8_t no_node = 0xff;       ///< a face without a mid-face node
+  bool quadratic() const { return nodes > corners; }  ///< whether edges have mid-edge nodes
+  /// The mid-face node of a face, or no_node.
   std::uint8_t face_centre(std::size_t face) const { return face_centres.empty() ? no_node : face_centres[face]; }
 };
 
@@ -79,9 +81,9 @@ const ElementShape& shape(ElementType type);
 /// it, so that every boundary node is the corner of a face. Faces are identified by their nodes. boundary_faces() throws
 /// Error(invalid_argument) if a face belongs to more than two elements.
 struct BoundaryFaces {
-  std::vector<std::uint32_t> sizes;
-  std::vector<PointId> points;
-  std::vector<FaceId> sides{0};  ///< side i of the boundary, a whole face of an element, is faces sides[i] .. sides[i+1]
+  std::vector<std::uint32_t> sizes;  ///< number of corners of each face
+  std::vector<PointId> points;       ///< corners, face by face
+  std::vector<FaceId> sides{0};      ///< side i of the boundary, a whole face of an element, is faces sides[i] .. sides[i+1]
 };
 BoundaryFaces boundary_faces(const Elements& elements);
 

@@ -17,9 +17,9 @@ struct PolyhedralCells;
 
 /// A named set of points and faces. As a region it selects its points and all points of its faces.
 struct Group {
-  std::string name;
-  std::vector<PointId> points;
-  std::vector<FaceId> faces;
+  std::string name;             ///< as in the file
+  std::vector<PointId> points;  ///< points named by themselves
+  std::vector<FaceId> faces;    ///< faces of the group
 };
 
 /// Points, polygonal faces of any degree and named groups, in file order: no point is ever merged, dropped or reordered. Isolated
@@ -32,12 +32,12 @@ struct Mesh {
   std::vector<Group> groups;              ///< names are unique and not empty
   /// The cells of a volume mesh over the same points, by their nodes or by their faces; at most one of the two is set.
   std::shared_ptr<const Elements> elements;
-  std::shared_ptr<const PolyhedralCells> cells;
+  std::shared_ptr<const PolyhedralCells> cells;  ///< cells by their faces
 
-  std::size_t point_count() const { return points.size(); }
-  std::size_t face_count() const { return face_sizes.size(); }
-  std::size_t cell_count() const;  ///< number of elements or polyhedral cells
-  CellsView cells_view() const;    ///< valid as long as this mesh
+  std::size_t point_count() const { return points.size(); }     ///< n
+  std::size_t face_count() const { return face_sizes.size(); }  ///< f
+  std::size_t cell_count() const;                               ///< number of elements or polyhedral cells
+  CellsView cells_view() const;                                 ///< valid as long as this mesh
 
   /// f + 1 prefix sums of face_sizes: face i has corners face_points[offsets[i] .. offsets[i+1]).
   std::vector<std::uint64_t> face_offsets() const;

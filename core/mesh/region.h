@@ -22,25 +22,34 @@ namespace deform {
 /// to it.
 struct Region {
   struct All {};
+  /// The points of a group.
   struct GroupName {
     std::string name;  ///< selects the points of the group and of its faces
   };
+  /// Axis-aligned box.
   struct InBox {
-    Vec3 min{}, max{};
+    Vec3 min{};  ///< least coordinates
+    Vec3 max{};  ///< largest coordinates
   };
+  /// Solid sphere.
   struct InSphere {
-    Vec3 centre{};
-    double radius = 0;
+    Vec3 centre{};      ///< centre of the sphere
+    double radius = 0;  ///< radius of the sphere
   };
-  struct InCylinder {  ///< finite solid cylinder between two axis points
-    Vec3 start{}, end{};
-    double radius = 0;
+  /// Finite solid cylinder between two axis points.
+  struct InCylinder {
+    Vec3 start{};       ///< one end of the axis
+    Vec3 end{};         ///< the other end of the axis
+    double radius = 0;  ///< radius of the cylinder
   };
-  struct InHalfSpace {  ///< (x - point) . normal >= 0; the normal need not be of unit length
-    Vec3 point{}, normal{};
+  /// (x - point) . normal >= 0; the normal need not be of unit length.
+  struct InHalfSpace {
+    Vec3 point{};   ///< a point on the plane
+    Vec3 normal{};  ///< points into the half-space
   };
+  /// Points by number.
   struct Ids {
-    std::vector<PointId> ids;
+    std::vector<PointId> ids;  ///< numbers of points
   };
   struct OpenBoundary {};  ///< end points of edges that belong to exactly one face
   /// The surface of a volume mesh: points of the faces that belong to exactly one cell, including patches of type "empty". In a
@@ -49,13 +58,16 @@ struct Region {
   /// Control points (i, j, k) of a lattice, from the first to the last along each axis, both inclusive; the whole axis if
   /// not set.
   struct LatticeRange {
+    /// A range of indices along an axis.
     struct Range {
-      std::uint32_t first = 0, last = 0;
+      std::uint32_t first = 0;  ///< the first index
+      std::uint32_t last = 0;   ///< the last index
     };
-    std::array<std::optional<Range>, 3> along{};
+    std::array<std::optional<Range>, 3> along{};  ///< for each axis
   };
-  struct ControlIds {  ///< control points by number
-    std::vector<std::uint32_t> ids;
+  /// Control points by number.
+  struct ControlIds {
+    std::vector<std::uint32_t> ids;  ///< numbers of control points
   };
   /// The smooth part of the surface around a place, see smooth_patch(): all corners of its faces. The surface is that of
   /// Boundary.
@@ -64,26 +76,31 @@ struct Region {
         seed;           ///< from the face nearest to a place, at most 5 % of D away, or from all faces around a point
     double angle = 30;  ///< degrees between normals that an edge may have, over 0 and up to 180
   };
+  /// The points of any of the regions.
   struct Union {
-    std::vector<Region> of;
+    std::vector<Region> of;  ///< the regions
   };
+  /// The points that all regions have.
   struct Intersection {
-    std::vector<Region> of;
+    std::vector<Region> of;  ///< the regions
   };
-  struct Difference {  ///< the first region without all the others
-    std::vector<Region> of;
+  /// The first region without all the others.
+  struct Difference {
+    std::vector<Region> of;  ///< the regions, that from which the others are taken first
   };
+  /// All points but those of the region.
   struct Complement {
     std::vector<Region> of;  ///< exactly one
   };
-  struct Grow {              ///< the region and `rings` rings of mesh neighbours (points that share a face) around it
+  /// The region and `rings` rings of mesh neighbours (points that share a face) around it.
+  struct Grow {
     std::vector<Region> of;  ///< exactly one
     int rings = 1;           ///< 0..1000
   };
 
   std::variant<All, GroupName, InBox, InSphere, InCylinder, InHalfSpace, Ids, OpenBoundary, Boundary, LatticeRange, ControlIds,
                Patch, Union, Intersection, Difference, Complement, Grow>
-      kind;
+      kind;  ///< the region
 };
 
 /// The selected point ids, sorted and unique. May be empty; callers that need points check this. `what` names the region in

@@ -121,7 +121,7 @@ bool side_meets(const Corners& a, const std::array<bool, 3>& shared_of_a, const 
   return false;
 }
 
-/// Of triangles with a common side: whether they are folded onto each other.
+/// Whether triangles with a common side are folded onto each other.
 bool folded(const Corners& a, const Corners& b, const Shared& shared) {
   std::size_t apex_a = 0, apex_b = 0;
   for (std::size_t i = 0; i < 3; ++i) {
@@ -150,7 +150,7 @@ bool intersect(const SurfaceTriangle& a, const SurfaceTriangle& b) {
   if (clear_of_plane(a.corners, b.corners, shared.of_b)) return false;
   if (shared.count == 2) return folded(a.corners, b.corners, shared);
   if (clear_of_plane(b.corners, a.corners, shared.of_a)) return false;
-  // Of neighbours in a smooth surface it is this that clears them.
+  // This clears neighbours in a smooth surface.
   const int axis = flattest_axis(a.corners);
   if (parted_by_side(a.corners, b.corners, shared, false, axis) || parted_by_side(b.corners, a.corners, shared, true, axis)) {
     return false;

@@ -18,13 +18,13 @@ namespace deform {
 
 /// A place on a triangle: its number, barycentric weights of its corners and the place itself.
 struct PlaceOnTriangle {
-  static constexpr std::uint32_t none = ~std::uint32_t{0};
-  std::uint32_t triangle = none;
-  std::array<double, 3> weights{};
-  Vec3 point{};
+  static constexpr std::uint32_t none = ~std::uint32_t{0};    ///< no triangle
+  std::uint32_t triangle = none;                              ///< number of the triangle
+  std::array<double, 3> weights{};                            ///< barycentric, of its corners
+  Vec3 point{};                                               ///< the place
   double distance = std::numeric_limits<double>::infinity();  ///< from where was asked; squared of nearest places
 
-  bool found() const { return triangle != none; }
+  bool found() const { return triangle != none; }  ///< whether there is one
 };
 
 /// The place of a triangle that is nearest to x, with the squared distance (C. Ericson, Real-Time Collision Detection, 2005,

@@ -16,7 +16,7 @@ namespace deform {
 class DisplacementFields {
  public:
   virtual ~DisplacementFields() = default;
-  virtual std::size_t count() const = 0;
+  virtual std::size_t count() const = 0;  ///< number of fields
   /// Writes the values of the fields [first, first + count) at all points, in the order of the points: values[i * count + k] is
   /// that of field first + k at point i. Throws Error(cancelled), Error(deadline_exceeded).
   virtual void values(std::size_t first, std::size_t count, std::span<double> values, const RunContext& context) const = 0;

@@ -32,25 +32,29 @@ namespace deform {
 /// prism, 1 for its triangles and for hexahedra. Areas are lengths of vector areas. The ratio is 1 for cubes and sqrt(3/2) for
 /// the regular tetrahedron.
 struct ElementMeasures {
-  std::size_t elements = 0;
-  Extreme least_scaled_jacobian;
-  double average_scaled_jacobian = 0;
-  Extreme least_volume, largest_volume;
-  double total_volume = 0;
-  Extreme least_edge_ratio, largest_edge_ratio;  ///< longest over shortest edge of an element
-  Extreme largest_aspect_ratio;
-  std::size_t inverted_elements = 0;  ///< as in InversionCheck: the determinant is not positive at a corner or node
+  std::size_t elements = 0;            ///< number of elements
+  Extreme least_scaled_jacobian;       ///< of an element
+  double average_scaled_jacobian = 0;  ///< over the elements
+  Extreme least_volume;                ///< of an element
+  Extreme largest_volume;              ///< of an element
+  double total_volume = 0;             ///< of all elements
+  Extreme least_edge_ratio;            ///< longest over shortest edge of an element
+  Extreme largest_edge_ratio;          ///< the same
+  Extreme largest_aspect_ratio;        ///< of an element
+  std::size_t inverted_elements = 0;   ///< as in InversionCheck: the determinant is not positive at a corner or node
 };
 
+/// The measures of all elements, of those of each type, and the values of each element.
 struct ElementQuality : ElementMeasures {
-  static constexpr std::size_t bins = 20;
+  static constexpr std::size_t bins = 20;  ///< of the histogram
 
-  std::size_t points = 0;
+  std::size_t points = 0;                              ///< number of points
   std::size_t left_handed = 0;                         ///< number of left-handed elements
   std::array<ElementMeasures, element_types> of_type;  ///< by ElementType
   std::array<std::size_t, bins> histogram{};           ///< scaled Jacobians from -1 to 1
   std::vector<std::size_t> worst;                      ///< ids of the elements of least scaled Jacobian, worst first, at most 100
-  std::vector<double> scaled_jacobian, volume;         ///< values of all elements
+  std::vector<double> scaled_jacobian;                 ///< of all elements
+  std::vector<double> volume;                          ///< of all elements
 };
 
 /// Measures all elements over the points (n x 3), in parallel. The result does not depend on the number of threads. Throws

@@ -7,8 +7,8 @@ namespace deform {
 
 /// An extreme value and the id of the point, face, cell or element that has it.
 struct Extreme {
-  double value = 0;
-  std::size_t id = 0;
+  double value = 0;    ///< the extreme value
+  std::size_t id = 0;  ///< the entity that has it
 };
 
 }  // namespace deform

@@ -16,7 +16,7 @@ namespace deform {
 
 /// A face that intersects another one.
 struct IntersectingFace {
-  FaceId face = 0;
+  FaceId face = 0;   ///< the face
   FaceId other = 0;  ///< one of those that it intersects
 };
 
@@ -44,13 +44,13 @@ class IntersectionCheck {
   /// `other` is a face that was run into.
   std::vector<IntersectingFace> appeared(std::span<const Vec3> points, const RunContext& context = {}) const;
 
-  std::size_t face_count() const { return faces_; }
+  std::size_t face_count() const { return faces_; }  ///< f
 
   std::size_t bytes() const;  ///< memory of this object
 
   /// Upper bounds in bytes: of the memory of this object with that of its construction, and of the memory of a call.
   static std::size_t bytes_for(const Mesh& mesh);
-  std::size_t call_bytes() const;
+  std::size_t call_bytes() const;  ///< see bytes_for()
 
  private:
   using Triangle = std::array<PointId, 3>;

@@ -34,7 +34,7 @@ float above(double x) { return std::nextafter(static_cast<float>(x), std::numeri
 /// What is not a number proves nothing.
 double or_infinity(double x) { return std::isnan(x) ? infinity : x; }
 
-/// Of a field in one cell.
+/// The affine fit of a field in one cell.
 struct CellFit {
   Vec3 gradient{};
   double residual = 0;

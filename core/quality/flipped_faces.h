@@ -55,12 +55,12 @@ class FlipCheck {
   /// result depends neither on the number of threads nor on the order of the faces. Throws like the constructor.
   std::vector<Extreme> flipped(std::span<const Vec3> points, const RunContext& context = {}) const;
 
-  std::size_t face_count() const;
-  std::size_t bytes() const;  ///< memory of this object
+  std::size_t face_count() const;  ///< f
+  std::size_t bytes() const;       ///< memory of this object
 
   /// Upper bounds in bytes: of the memory of this object with that of its construction, and of the memory of a call.
   static std::size_t bytes_for(const Mesh& mesh);
-  std::size_t call_bytes() const;
+  std::size_t call_bytes() const;  ///< see bytes_for()
 
  private:
   class Impl;

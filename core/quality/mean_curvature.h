@@ -15,6 +15,7 @@ struct MeanCurvature {
   std::vector<double> value;  ///< n, in 1 / length; NaN where it is undefined, see defined()
   std::vector<double> area;   ///< n, mixed areas of the points; they add up to the area of the faces
 
+  /// Whether a point has a curvature.
   bool defined(std::size_t point) const { return !std::isnan(value[point]); }
 };
 

@@ -61,14 +61,14 @@ class QualityCheck {
 
   /// In the order of the report.
   const std::vector<Name>& names() const { return names_; }
-  /// Of the mesh.
+  /// The number of points of the mesh.
   std::size_t point_count() const { return rest_->point_count(); }
 
   /// Throws Error(invalid_argument) for a name that this mesh does not have, with those it has or what it needs.
   void check(const std::string& name) const;
 
-  /// The values of `wanted`, in that order, for deformed points (n x 3); counts as numbers. What nobody wants is left out where
-  /// it takes time of its own. NaN and infinity are possible: the aspect ratio of an inverted element is infinite. Throws as
+  /// The values of `wanted`, in that order, for deformed points (n x 3); counts as numbers. Others are not computed where
+  /// they take time of their own. NaN and infinity are possible: the aspect ratio of an inverted element is infinite. Throws as
   /// check(), and for another number of points; cancelled, deadline_exceeded.
   std::vector<double> values(std::span<const Vec3> points, const std::vector<std::string>& wanted,
                              const RunContext& context = {}) const;

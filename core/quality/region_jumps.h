@@ -26,17 +26,19 @@ struct RegionJumps {
   double rms_normal_jump = 0;       ///< degrees, root mean square over the border edges
   std::size_t curvature_edges = 0;  ///< border edges whose end points both have a curvature
   Extreme largest_curvature_jump;   ///< 1 / length; id as above
-  double rms_curvature_jump = 0;
+  double rms_curvature_jump = 0;    ///< 1 / length, root mean square over curvature_edges
   /// The jumps of all border edges, sorted by the smaller, then the larger point id. A curvature jump is NaN if an end point has
   /// no curvature.
-  std::vector<PointId> points;  ///< smaller point id of each border edge
-  std::vector<double> normal_jumps, curvature_jumps;
+  std::vector<PointId> points;          ///< smaller point id of each border edge
+  std::vector<double> normal_jumps;     ///< degrees
+  std::vector<double> curvature_jumps;  ///< 1 / length
 };
 
 /// The largest increase of the jumps by a deformation over the border edges, so that sharp edges of the model itself do not hide
 /// it; 0 if none increased.
 struct JumpGrowth {
-  Extreme normal, curvature;  ///< degrees, 1 / length; id: the end point with the smaller id
+  Extreme normal;     ///< degrees; id: the end point with the smaller id
+  Extreme curvature;  ///< 1 / length; id as above
 };
 /// Compares the jumps of a mesh before and after a deformation, with the same labels. Throws Error(invalid_argument) if the
 /// numbers of edges differ.

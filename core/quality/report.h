@@ -23,41 +23,46 @@ enum class Better { neither, lower, higher };
 
 /// A measure, shown as a row of the table.
 struct QualityRow {
-  std::string name;   ///< machine-readable
-  std::string label;  ///< human-readable
-  double value = 0;
-  std::optional<std::size_t> id;  ///< id of the point, face, cell or element with this value
-  Better better = Better::neither;
-  bool in_table = true;  ///< otherwise only in machine-readable output
-  bool counts = false;   ///< the value is a number of something, so it has no derivative
+  std::string name;                 ///< machine-readable
+  std::string label;                ///< human-readable
+  double value = 0;                 ///< of the measure
+  std::optional<std::size_t> id;    ///< id of the point, face, cell or element with this value
+  Better better = Better::neither;  ///< how it improves
+  bool in_table = true;             ///< otherwise only in machine-readable output
+  bool counts = false;              ///< the value is a number of something, so it has no derivative
 };
 
+/// Numbers of values in bins of equal width.
 struct QualityHistogram {
-  std::string name, title;
-  double low = 0, high = 0;
-  std::vector<std::size_t> counts;
+  std::string name;                 ///< machine-readable
+  std::string title;                ///< human-readable
+  double low = 0;                   ///< where the first bin begins
+  double high = 0;                  ///< where the last bin ends
+  std::vector<std::size_t> counts;  ///< of each bin
 };
 
 /// The worst entities of a kind, worst first.
 struct WorstList {
+  /// One of them.
   struct Entry {
-    std::size_t id = 0;
-    std::optional<double> value;
-    Vec3 position{};  ///< mean of its points
+    std::size_t id = 0;           ///< of the point, face, cell or element
+    std::optional<double> value;  ///< its measure, if it has one
+    Vec3 position{};              ///< mean of its points
   };
-  std::string title, noun;  ///< "Faces of least quality", "face"
-  std::vector<Entry> entries;
+  std::string title;           ///< "Faces of least quality"
+  std::string noun;            ///< "face"
+  std::vector<Entry> entries;  ///< worst first
 };
 
 /// The quality of a mesh, to be shown as a table, JSON or a page.
 struct QualityReport {
-  std::vector<std::pair<std::string, std::size_t>> counts;
-  std::vector<QualityRow> rows;
+  std::vector<std::pair<std::string, std::size_t>> counts;              ///< numbers of points, faces and cells
+  std::vector<QualityRow> rows;                                         ///< the measures
   std::vector<std::pair<std::string, std::vector<std::size_t>>> lists;  ///< ids
-  std::vector<QualityHistogram> histograms;
-  std::vector<WorstList> worst;
-  std::vector<std::string> failed = {};  ///< failed checks with their counts: "face pyramids: 19"
-  std::string method;                    ///< a sentence on how the quality was measured
+  std::vector<QualityHistogram> histograms;                             ///< of the measures that have one
+  std::vector<WorstList> worst;                                         ///< of the measures that have one
+  std::vector<std::string> failed = {};                                 ///< failed checks with their counts: "face pyramids: 19"
+  std::string method;                                                   ///< a sentence on how the quality was measured
 
   /// The row with this name, or nullptr. inverted_cells, as commands that deform call it, finds inverted_elements as well.
   const QualityRow* find(const std::string& name) const;

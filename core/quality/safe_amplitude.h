@@ -40,10 +40,11 @@ using CellSet = std::variant<const Elements*, const PolyhedralCells*, const Mesh
 /// meant up to rounding: determinants of at most 1e-14 of the product of their lengths (polyhedra: 1e-13 of areas times the size
 /// of the cell) count as collapsed, so a borderline cell counts as inverted.
 struct Inversions {
-  std::size_t count = 0;
+  std::size_t count = 0;  ///< number of inverted cells
   /// Inverted polyhedra by the failed check: the volume, or if it is positive a pyramid.
-  std::size_t without_volume = 0, wrong_pyramid = 0;
-  std::vector<Extreme> worst;  ///< the inverted cells of least normalized determinant, worst first, at most 100
+  std::size_t without_volume = 0;
+  std::size_t wrong_pyramid = 0;  ///< with a positive volume
+  std::vector<Extreme> worst;     ///< the inverted cells of least normalized determinant, worst first, at most 100
   /// Smallest normalized determinant of all checked cells and the cell that has it; 1 without cells.
   Extreme least_determinant{1, 0};
 };
@@ -85,10 +86,10 @@ class InversionCheck {
   InversionCheck(std::span<const Vec3> rest, const CellSet& cells, const DisplacementFields& fields,
                  const RunContext& context = {});
   ~InversionCheck();
-  InversionCheck(InversionCheck&&) noexcept;
-  InversionCheck& operator=(InversionCheck&&) noexcept;
+  InversionCheck(InversionCheck&&) noexcept;             ///< the other one is empty then
+  InversionCheck& operator=(InversionCheck&&) noexcept;  ///< as the constructor
 
-  std::size_t cell_count() const;
+  std::size_t cell_count() const;  ///< number of cells
   /// The number of fields of the constructor, 0 without them.
   std::size_t fields() const;
   /// The excluded cells; the smallest determinant is over all cells.
@@ -103,6 +104,7 @@ class InversionCheck {
   /// The number of cells with a normalized determinant of at least `margin` at `rest` and less at `points`.
   std::size_t below(double margin, std::span<const Vec3> rest, std::span<const Vec3> points,
                     const RunContext& context = {}) const;
+  /// The safe fraction of a motion between two places.
   SafeAmplitude amplitude(std::span<const Vec3> from, std::span<const Vec3> to, const RunContext& context = {}) const;
   /// The same from rest to points that are those of a motion of the fields of the constructor, within its bounds, which is
   /// not checked because most points are not looked at. For volume cells only: that faces stay in their plane is not checked
@@ -122,7 +124,7 @@ class InversionCheck {
 
 /// The result for a single motion; at_rest are the cells inverted at X, which are excluded from the rest.
 struct MotionSafety : SafeAmplitude {
-  Inversions at_rest;
+  Inversions at_rest;  ///< the excluded cells
 };
 MotionSafety safe_amplitude(std::span<const Vec3> X, std::span<const Vec3> Y, const CellSet& cells,
                             const RunContext& context = {});

@@ -16,17 +16,22 @@ namespace deform {
 /// Quality measures of the faces and points of a surface mesh. A polygon with more than three corners is a fan of triangles
 /// around the mean of its corners; its area and normal do not depend on the triangulation.
 struct SurfaceQuality {
-  static constexpr std::size_t bins = 20, angle_bins = 18;
+  static constexpr std::size_t bins = 20;        ///< of the histogram of face quality
+  static constexpr std::size_t angle_bins = 18;  ///< of the histogram of angles
 
-  std::size_t points = 0, faces = 0;
+  std::size_t points = 0;  ///< number of points
+  std::size_t faces = 0;   ///< number of faces
   /// The quality of a face is 2 r / R, twice the radius of the inscribed circle over that of the circumscribed one: 1 for the
   /// equilateral triangle, 0 without area. For a polygon it is that of the worst triangle of its fan, divided by the value for
   /// the regular polygon: 1 for squares.
   Extreme least_face_quality;
-  double average_face_quality = 0;
-  Extreme least_angle, largest_angle;  ///< at a corner of a face, degrees 0..180 (a reflex corner counts as 360 less its angle)
-  Extreme least_area, largest_area;    ///< areas of faces
-  double total_area = 0;
+  double average_face_quality = 0;  ///< over the faces
+  /// At a corner of a face, degrees 0..180 (a reflex corner counts as 360 less its angle).
+  Extreme least_angle;
+  Extreme largest_angle;  ///< the same
+  Extreme least_area;     ///< of a face
+  Extreme largest_area;   ///< of a face
+  double total_area = 0;  ///< of all faces
   /// Faces with fewer than three corners, a repeated corner, or an area below least_area(), as counted by `deform inspect`.
   std::size_t degenerate_faces = 0;
   Extreme largest_mean_curvature;             ///< point

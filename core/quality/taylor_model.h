@@ -104,7 +104,7 @@ inline TaylorModel inverse(const TaylorModel& f) {
 }
 inline double inverse(double a) { return 1 / a; }
 
-/// Of a function that is not negative.
+/// The square root of a function that is not negative.
 inline TaylorModel square_root(const TaylorModel& f) {
   const AroundMiddle around(f);
   if (!around.positive) {

@@ -30,12 +30,14 @@ struct Wall {
 /// corner to corner, along which a cell of the first layer leaves the wall; the smallest one if there are several (tetrahedra).
 /// Points from which no edge leaves the wall, as in a corner between two walls, have no angle.
 struct WallQuality {
-  std::size_t faces = 0;                 ///< wall faces with a height, that is with an area
-  std::size_t points = 0;                ///< points with an angle
-  Extreme least_height, largest_height;  ///< id of the boundary face; for polyhedral cells of the face of the cells
-  double average_height = 0;             ///< over the faces
-  Extreme least_angle, largest_angle;    ///< degrees; id: point
-  double average_angle = 0;              ///< over the points
+  std::size_t faces = 0;      ///< wall faces with a height, that is with an area
+  std::size_t points = 0;     ///< points with an angle
+  Extreme least_height;       ///< id of the boundary face; for polyhedral cells of the face of the cells
+  Extreme largest_height;     ///< the same
+  double average_height = 0;  ///< over the faces
+  Extreme least_angle;        ///< degrees; id: point
+  Extreme largest_angle;      ///< degrees; id: point
+  double average_angle = 0;   ///< over the points
 };
 
 /// Measure the first layer of cells; the result does not depend on the number of threads. Throw Error(invalid_argument) if there

@@ -1,4 +1,4 @@
-# SPDX-License-Identifier: GPL-3.0-or-later
+# SPDX-License-Identifier: Apache-2.0
 # CGNS::CGNS, the CGNS library, which comes with neither a CMake nor a pkg-config file.
 find_path(CGNS_INCLUDE_DIR cgns_io.h)
 find_library(CGNS_LIBRARY cgns)

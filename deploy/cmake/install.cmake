@@ -31,6 +31,7 @@ function(deform_install_library component)
     set(target \"\$ENV{DESTDIR}\${CMAKE_INSTALL_PREFIX}/${CMAKE_INSTALL_INCLUDEDIR}\")
     set(headers \"${ARG_HEADERS}\")
     include(\"${PROJECT_SOURCE_DIR}/deploy/cmake/install_headers.cmake\")" COMPONENT ${component})
+  set_property(GLOBAL APPEND PROPERTY DEFORM_INSTALLED_HEADERS ${ARG_HEADERS})  # of which docs/ makes the reference
   configure_file(${PROJECT_SOURCE_DIR}/deploy/cmake/deform-${component}.pc.in deform-${component}.pc @ONLY)
   install(FILES ${CMAKE_CURRENT_BINARY_DIR}/deform-${component}.pc DESTINATION ${pkgconfig_dir} COMPONENT ${component})
 endfunction()

@@ -6,6 +6,7 @@
 #include "core/deformers/setup.h"
 #include "proto/convert/base/fields.h"
 #include "proto/convert/mesh/region.h"
+#include "proto/convert/method_traits.h"
 
 namespace deform::convert {
 
@@ -85,21 +86,6 @@ ConstraintKind kind_from_proto(const v1::Constraint& message, const std::string&
 
 bool has_exact(const v1::Setup& setup) {
   return std::any_of(setup.constraints().begin(), setup.constraints().end(), [](const auto& each) { return each.exact(); });
-}
-
-const v1::Energy* energy_of(const v1::Method& method) {
-  switch (method.kind_case()) {
-    case v1::Method::kShell:
-      return &method.shell().energy();
-    case v1::Method::kSubspace:
-      return &method.subspace().energy();
-    case v1::Method::kMls:
-      return &method.mls().energy();
-    case v1::Method::kFfd:
-      return &method.ffd().energy();
-    default:
-      return nullptr;
-  }
 }
 
 /// How setups were stored before there was `exact_steps`: without it, but with what else has a default.

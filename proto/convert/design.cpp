@@ -169,7 +169,7 @@ bool needs_solution(const v1::DeformRequest& request) {
 }
 
 std::size_t bind_bytes(const v1::DeformRequest& request, const v1::SystemInfo& info) {
-  // Of several methods one may take the direct path, as the handles turn, with displacements of its own handles' points.
+  // One of several methods may take the direct path, as the handles turn, with displacements of its own handles' points.
   const bool several = info.setup().then_size() > 0;
   const bool direct = several || info.basis_fields() == 0 || needs_solution(request);
   const std::size_t designs = static_cast<std::size_t>(request.designs_size());

@@ -1,13 +1,14 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "proto/convert/method.h"
 
-#include <cctype>
 #include <optional>
 #include <string>
 
+#include "core/base/error.h"
 #include "proto/convert/base/fields.h"
 #include "proto/convert/controls/controls.h"
 #include "proto/convert/mesh/region.h"
+#include "proto/convert/method_traits.h"
 
 namespace deform::convert {
 
@@ -15,12 +16,6 @@ namespace {
 
 constexpr std::uint32_t default_rings = 3;
 constexpr int most_samples = 1000;
-
-/// Kernels have the same names on the wire and in the core, there in lower case.
-std::optional<Kernel> kernel_named_as(std::string name) {
-  for (char& c : name) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-  return kernel_named(name);
-}
 
 /// None: the default of the mesh.
 std::optional<Kernel> kernel_from_proto(v1::Kernel kernel) {
@@ -269,6 +264,12 @@ CageOptions cage_options(const v1::CageMethod& message) {
   return options;
 }
 
+/// A method that a newer contract has.
+[[noreturn]] void refuse_kind(const v1::Method& message) {
+  throw Error(ErrorCode::internal,
+              "method: no conversion of the method with field number " + std::to_string(message.kind_case()));
+}
+
 /// Ignored without a basis; 0 also for -0.0.
 double canonical_basis_tolerance(v1::BasisMode basis, double tolerance) {
   return basis == v1::BASIS_NEVER || tolerance == 0 ? 0 : tolerance;
@@ -396,9 +397,9 @@ MethodOptions method_from_proto(const v1::Method& message) {
       return cage_options(message.cage());
     case v1::Method::kRbf:
     case v1::Method::KIND_NOT_SET:
-      break;
+      return rbf_options(message.rbf());
   }
-  return rbf_options(message.rbf());
+  refuse_kind(message);
 }
 
 void set_default_kernel(v1::Method& message, const v1::GeometryInfo& geometry) {
@@ -425,9 +426,9 @@ void canonicalize_method(v1::Method& message) {
       return canonicalize_cage(*message.mutable_cage());
     case v1::Method::kRbf:
     case v1::Method::KIND_NOT_SET:
-      break;
+      return canonicalize_rbf(*message.mutable_rbf());
   }
-  canonicalize_rbf(*message.mutable_rbf());
+  refuse_kind(message);
 }
 
 }  // namespace deform::convert

@@ -113,7 +113,7 @@ void add_fixed(const google::protobuf::RepeatedPtrField<v1::Region>& from, const
   }
 }
 
-/// Of a design variable, or of another handle that it moves.
+/// Canonicalizes the motion of a design variable, or of another handle that it moves.
 template <typename Message>
 void canonicalize_motion(Message& message) {
   if (message.has_rotate()) {

@@ -9,6 +9,7 @@
 
 #include "core/base/number_text.h"
 #include "core/quality/displacement.h"
+#include "proto/convert/method_traits.h"
 
 namespace deform::convert {
 
@@ -20,7 +21,7 @@ constexpr double negligible_error = 1e-12;                 // of D
 constexpr double least_motion = 1e-4;                      // of D: errors of smaller motions are judged as if they were so large
 constexpr double doubtful_condition = 1e12;
 constexpr double harmless_error = 1e-8;                     // of the motion: measured, it says that such a condition did no harm
-constexpr double unrefined_error = 1e-9;                    // of the motion: told without a converged refinement, not bad
+constexpr double unrefined_error = 1e-9;                    // of the motion: estimated without a converged refinement, not bad
 constexpr double bad_misfit = 0.5, doubtful_misfit = 0.02;  // of the largest prescribed displacement
 constexpr double doubtful_height = 0.01;                    // of the height at rest
 constexpr double doubtful_constraint = 0.1;                 // of the largest prescribed displacement
@@ -68,8 +69,9 @@ bool at_rounding(const SolutionFacts& facts, const v1::DesignResult& result) {
 }
 
 /// Whether a solution that has not converged is one of a direct solver, which has no tolerance of the user's to reach, and is
-/// told to be so accurate that it is harmless even so. In 36 designs with conditions from 8e18 to 2e21 whose refinement did not
-/// converge the true error was up to 1450 times the estimated one, and below 1e-8 of the motion where less than 1e-9 was told.
+/// estimated to be so accurate that it is harmless even so. In 36 designs with conditions from 8e18 to 2e21 whose refinement did
+/// not converge the true error was up to 1450 times the estimated one, and below 1e-8 of the motion where the estimate was below
+/// 1e-9.
 bool only_unrefined(const SolutionFacts& facts, const v1::DesignResult& result) {
   return !facts.converged && facts.condition > doubtful_condition && facts.method.least_squares_tolerance == 0 &&
          facts.method.condition_effect == MethodFacts::Effect::measured && result.relative_error() <= unrefined_error;
@@ -98,7 +100,7 @@ void judge_solution(const SolutionFacts& facts, const v1::DesignResult& result, 
   }
 }
 
-/// A large condition is a reason to doubt where nobody knows what it did to the points. Adds a note where that is known and
+/// A large condition is a reason to doubt where its effect on the points is unknown. Adds a note where that is known and
 /// nothing. How many digits the factor has left, which is to say what residuals make of the points, shows in how fast refinement
 /// converges, whatever the condition; without any it does not.
 void judge_condition(const SolutionFacts& facts, v1::DesignResult& result, std::vector<Finding>& found) {
@@ -119,7 +121,7 @@ void judge_condition(const SolutionFacts& facts, v1::DesignResult& result, std::
                      condition + (measured ? error : "; how far that moves the points is not measured") + advice);
 }
 
-/// Whether the points do what they are told, as far as the method can know.
+/// Whether the points move as prescribed, as far as the method can know.
 void judge_motion(const SolutionFacts& facts, const v1::DesignResult& result, std::vector<Finding>& found) {
   const double prescribed = result.prescribed_displacement();
   if (!(prescribed > negligible_error * facts.diagonal)) return;
@@ -277,7 +279,7 @@ struct Stage {
   int fixed = 0;  ///< the number of its fixed regions
 };
 
-/// What radial basis functions do beyond the handles. Of several methods each is named, as nobody knows which of them did it.
+/// What radial basis functions do beyond the handles. In a chain each method is named, as it is unknown which of them did it.
 std::string overshoot(const std::vector<Stage>& stages) {
   std::string unfixed;
   std::vector<std::pair<v1::Kernel, std::string>> kernels;  // with the methods that have them
@@ -288,7 +290,8 @@ std::string overshoot(const std::vector<Stage>& stages) {
       continue;
     }
     const v1::Kernel kernel = stage.method.rbf().kernel();
-    if (kernel != v1::THIN_PLATE && kernel != v1::TRIHARMONIC && kernel != v1::QUINTIC && kernel != v1::WENDLAND_C2) continue;
+    const auto of_core = kernel_named_as(v1::Kernel_Name(kernel));
+    if (!of_core || !properties(*of_core).overshoots) continue;
     const auto known = std::find_if(kernels.begin(), kernels.end(), [&](const auto& entry) { return entry.first == kernel; });
     if (known == kernels.end()) {
       kernels.emplace_back(kernel, stage.name);
@@ -317,16 +320,14 @@ MethodFacts method_facts(const v1::Setup& setup) {
   for (int s = 0; s < setup.then_size(); ++s) {
     stages.push_back({"then[" + std::to_string(s) + "]", setup.then(s).method(), setup.then(s).fixed_size()});
   }
-  if (std::all_of(stages.begin(), stages.end(), [](const Stage& stage) { return stage.method.has_rbf(); })) {
+  if (std::all_of(stages.begin(), stages.end(),
+                  [](const Stage& stage) { return method_features(stage.method).measures_condition; })) {
     facts.condition_effect = MethodFacts::Effect::measured;
   }
-  facts.manipulates_directly = std::any_of(stages.begin(), stages.end(), [](const Stage& stage) {
-    return (stage.method.has_ffd() && stage.method.ffd().control() == v1::MESH) ||
-           (stage.method.has_cage() && stage.method.cage().control() == v1::MESH);
-  });
-  if (setup.method().has_ffd()) facts.more_freedom = "take more control points, ";
-  if (setup.method().has_mls()) facts.more_freedom = "take more samples, ";
-  if (setup.method().has_subspace()) facts.more_freedom = "take more centres, ";
+  facts.manipulates_directly =
+      std::any_of(stages.begin(), stages.end(), [](const Stage& stage) { return manipulates_directly(stage.method); });
+  const std::string more_of(method_features(setup.method()).more_of);
+  if (!more_of.empty()) facts.more_freedom = "take more " + more_of + ", ";
   if (setup.method().has_rbf() && setup.then_size() == 0 && setup.method().rbf().solver() == v1::INCREMENTAL_QR) {
     facts.least_squares_tolerance = setup.method().rbf().tolerance();
   }

@@ -26,10 +26,8 @@ struct MethodFacts {
   std::string more_freedom{};
 };
 
-/// The effect of a condition is measured for methods that take their residuals with twice the digits and from the exact matrix,
-/// and see by them that their factor has digits left: radial basis functions. The matrices of energies are rounded when they are
-/// assembled, which their residuals do not show, and the errors of lattices and cages are bounds. Points overshoot with kernels
-/// that are smooth at the centres. Any thread.
+/// The effect of a condition is measured if it is for all methods of the setup, see MethodFeatures::measures_condition. Points
+/// overshoot with some kernels, see KernelProperties::overshoots. Any thread.
 MethodFacts method_facts(const v1::Setup& setup);
 
 /// The facts on which a verdict depends besides the result of a design.

@@ -45,7 +45,7 @@ struct DeformTask {
   std::function<std::size_t(const ResidentSystem&)> bind_bytes;
   std::function<BoundDesigns(const ResidentSystem&, const RunContext&)> bind;
   Failures failures = Failures::fail_request;
-  /// Who looks at whole designs; may be empty, and may give nobody.
+  /// Makes the checks of whole designs; may be empty, and may give none.
   std::function<std::unique_ptr<const DesignChecker>(const SystemCache::Handle&, const RunContext&)> checker;
 };
 
@@ -61,7 +61,7 @@ class DeformCall : public QueuedCall<v1::DeformReply> {
   struct Bound : BoundDesigns {
     SystemCache::Handle system;
     Failures failures = Failures::fail_request;
-    std::unique_ptr<const DesignChecker> checker;  ///< null: nobody looks at whole designs
+    std::unique_ptr<const DesignChecker> checker;  ///< null: whole designs are not checked
     StepPlan plan;                                 ///< of the designs that could be bound
     codec::EncodeOptions output;
     DeformTask::Values values = DeformTask::Values::positions;

@@ -16,7 +16,7 @@ namespace deform::server {
 
 namespace {
 
-/// Of the measures of one design: some numbers per point, face and cell.
+/// The bytes of the measures of one design: some numbers per point, face and cell.
 std::size_t quality_bytes(const Mesh& mesh) {
   std::size_t items = mesh.point_count() + mesh.face_count() + mesh.cell_count();
   if (mesh.cells) items += mesh.cells->face_count();

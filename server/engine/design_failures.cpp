@@ -43,7 +43,7 @@ bool fails_alone(const Error& error) {
 }
 
 v1::RequestError failure_to_proto(const Error& error) {
-  return convert::error_to_proto({error.code(), within_design(error.told()), error.retry_after_ms()});
+  return convert::error_to_proto({error.code(), within_design(error.public_message()), error.retry_after_ms()});
 }
 
 ConvertedDesigns convert_each(const v1::DeformRequest& request, const ResidentSystem& system) {

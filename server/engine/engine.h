@@ -201,7 +201,7 @@ class Engine {
   virtual void get_basis(const v1::GetBasisRequest& request, const CallContext& call,
                          std::function<void(Outcome<std::shared_ptr<BasisRecords>>)> on_done) = 0;
 
-  /// Of all tenants.
+  /// Information on the server, over all tenants.
   virtual v1::ServerInfo info() = 0;
   /// What a tenant has.
   virtual StoredAmount stored(const std::string& tenant) = 0;

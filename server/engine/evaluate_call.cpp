@@ -95,7 +95,7 @@ std::shared_ptr<EvaluateCall::Bound> EvaluateCall::bind(const SystemCache::Handl
   bound->box = bounding_box(system->mesh->points);
   bound->output = convert::encode_options(task_.output, system->info.diagonal());
   const System::SpaceBytes space = system->system->space_bytes(most_points);
-  // Of a block: as it came, decoded, moved, encoded (integers and bytes), and what evaluating takes.
+  // Bytes of a block: as it came, decoded, moved, encoded (integers and bytes), and what evaluating takes.
   bound->block_bytes = 5 * most_points * sizeof(Vec3) + space.call;
   const std::size_t binding = task_.bind_bytes(*system) + space.map;
   bound->charge = parts_.memory->charge_call(binding + bound->block_bytes, purpose(system->charge.bytes()), context().share());

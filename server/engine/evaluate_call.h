@@ -72,7 +72,7 @@ class EvaluateCall : public QueuedCall<v1::EvaluateReply> {
     std::uint64_t first = 0;
     Extreme displacement;
     Vec3 place{};  ///< of the point that moves most, at rest
-    SpaceMap::Told told;
+    SpaceMap::Found told;
     double solve_ms = 0, encode_ms = 0;
   };
 

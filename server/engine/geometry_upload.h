@@ -31,7 +31,7 @@ class UploadBuffer {
   /// Checks that everything has arrived and validates the mesh. Ends the object's use.
   Mesh take();
 
-  /// Of everything that take() returns. It no longer counts as an upload's.
+  /// The charge for everything that take() returns. It no longer counts as an upload's.
   Charge take_charge() {
     charge_.outlive_call();
     return std::move(charge_);

@@ -30,9 +30,9 @@ class MeshCache {
   /// Enters a mesh that is in memory anyway.
   void put(const std::string& id, std::shared_ptr<const Mesh> mesh);
   void forget(const std::string& id);
-  /// Of those that are held on to.
+  /// The ids of the meshes that the cache holds.
   std::vector<std::string> ids() const;
-  /// Lets go of meshes that nobody else holds, least recently used first, until `bytes` are given back or none is left.
+  /// Lets go of meshes that no caller holds, least recently used first, until `bytes` are given back or none is left.
   void reclaim(std::size_t bytes);
 
   /// A mesh together with the memory charged for it.

@@ -9,7 +9,7 @@ namespace deform::server {
 
 namespace {
 
-/// Of what clients write: ids are no longer.
+/// The longest text that is kept of what clients write: ids are no longer.
 constexpr std::size_t longest_id = 64;
 
 std::uint64_t milliseconds(OpenCall::Clock::duration time) {

@@ -33,7 +33,7 @@ class OutcomeCall : public Call {
         false;  ///< source.prepare() does not read it from the store, so that one which is gone is no reason to fail
     std::function<void(const std::string& stage, double fraction)> on_progress;  ///< may be empty
     std::function<T(const SystemCache::Handle&, const RunContext&)> compute;
-    /// Of compute() on a worker, for Scheduler::start(); empty: as little as possible.
+    /// The cost of compute() on a worker, for Scheduler::start(); empty: as little as possible.
     std::function<double(const ResidentSystem&)> cost;
     /// About how long compute() takes. Set, it is work for the threads of preparations, never for a worker.
     std::optional<double> seconds;

@@ -114,7 +114,7 @@ class Scheduler {
     std::size_t preparations = 0;             ///< running now
   };
   Load load() const;
-  /// Of requests that come later.
+  /// The limit for requests that come later.
   void set_queue_limit(std::size_t requests);
   std::size_t queue_limit() const;
   int workers() const { return options_.workers; }

@@ -12,7 +12,8 @@ namespace deform::server {
 
 namespace {
 
-/// Of one region, measured: a box takes 1 to 3 ns, a sphere 3 to 7, a patch and the boundary of elements about 30 times that.
+/// The work of one region, measured: a box takes 1 to 3 ns, a sphere 3 to 7, a patch and the boundary of elements about 30 times
+/// that.
 constexpr double seconds_per_point = 4e-9;
 
 std::uint64_t count(const v1::Region& region) {
@@ -26,7 +27,7 @@ std::uint64_t count(const v1::Region& region) {
   return sum;
 }
 
-/// Of all regions in a message, whatever holds them.
+/// The work of all regions in a message, whatever holds them.
 std::uint64_t count_in(const google::protobuf::Message& message) {
   if (message.GetDescriptor() == v1::Region::descriptor()) return count(static_cast<const v1::Region&>(message));
   std::uint64_t sum = 0;

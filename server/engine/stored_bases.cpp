@@ -26,7 +26,7 @@ class FileSource : public compiled::ByteSource {
   BasisFileReader& reader_;
 };
 
-/// Of a file that was not read to its end.
+/// Whether a file that was not read to its end is whole.
 bool is_whole(BasisFileReader& reader) {
   try {
     reader.verify();
@@ -150,7 +150,7 @@ std::shared_ptr<ResidentSystem> StoredBases::restore(const OwnedId& id, std::sha
     ++refused_;
     spdlog::warn("engine: the stored basis of system {} is of no use, the system is prepared: {}", key, error.what());
     if (error.code() != ErrorCode::data_loss) return nullptr;
-    // Of another version of this program, or damaged.
+    // It is of another version of this program, or damaged.
     whole || (reader && is_whole(*reader)) ? files.remove(id) : files.set_aside(id);
   }
   return nullptr;

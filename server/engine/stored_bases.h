@@ -31,7 +31,7 @@ class StoredBases {
   /// Has the basis of a system written, if it has one that can be stored, on a thread of its own.
   void keep(const OwnedId& id, const std::shared_ptr<const ResidentSystem>& system, const Quota& quota);
 
-  /// A system of Extent::basis; null when there is none to restore. `resident` has mesh, setup and what is told of it, and gets
+  /// A system of Extent::basis; null when there is none to restore. `resident` has mesh, setup and description, and gets
   /// system and charge. Throws Error(out_of_budget) and the errors of the context.
   std::shared_ptr<ResidentSystem> restore(const OwnedId& id, std::shared_ptr<ResidentSystem> resident, const RunContext& context);
   bool contains(const OwnedId& id) const { return store_.bases().wanted() && store_.bases().contains(id); }

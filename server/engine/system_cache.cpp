@@ -8,8 +8,8 @@ namespace deform::server {
 
 namespace {
 
-/// Of a flight before its preparation has told: half of what a short one may take, so that who asks for many does not go before
-/// those whose work is known.
+/// The seconds of a flight while they are unknown: half of what a short one may take, so that who asks for many does not go
+/// before those whose work is known.
 constexpr double unknown_seconds = Scheduler::short_seconds / 2;
 
 }  // namespace
@@ -274,7 +274,7 @@ void SystemCache::leave(const std::shared_ptr<Flight>& asked, std::uint64_t aske
     gone = std::move(found->second);
     flight->askers.erase(found);
     if (!flight->askers.empty()) return;
-    // Nobody wants it any more. Out of the map at once, so that the next asker begins a new flight.
+    // No caller waits for it any more. Out of the map at once, so that the next asker begins a new flight.
     const auto current = flights_.find(flight->key);
     if (current != flights_.end() && current->second == flight) flights_.erase(current);
   }

@@ -25,7 +25,7 @@ constexpr const char* less_memory =
     "use fewer handle and fixed points, smaller regions of constraints, reduce the centres (reduction), store no basis "
     "(BASIS_NEVER), or raise the server's memory budget";
 
-/// Of a description of a system with its setup; the reply around it stays below 1 MiB.
+/// The limit of a description of a system with its setup; the reply around it stays below 1 MiB.
 constexpr std::size_t largest_info = 1'000'000;
 
 /// What a setup takes in memory; of small ones nothing is counted, as of everything else that each call has.

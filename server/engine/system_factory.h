@@ -54,7 +54,7 @@ class SystemFactory {
   RecipePtr recipe(const v1::Setup& setup, const std::string& tenant, const RunContext& context);
   /// What selecting the regions of a setup takes; nothing without a geometry. Throws Error(invalid_argument) beyond the limit.
   SelectionWork selection(const v1::Setup& setup, const std::string& tenant) const;
-  /// Without `resident`. What the call holds is told to `open`, unless that is null.
+  /// The reply without `resident`. What the call holds is noted in `open`, unless that is null.
   v1::EstimateReply estimate(const v1::EstimateRequest& request, const std::string& tenant, const std::shared_ptr<OpenCall>& open,
                              const RunContext& context);
 
@@ -78,7 +78,7 @@ class SystemFactory {
   /// What takes long is planned first and then waits for its turn.
   SystemCache::Prepare preparation_of(RecipePtr recipe, Storing storing, const Quota& quota);
   SystemCache::Prepare prepare_again(const OwnedId& id, const Quota& quota);
-  /// Of what the store has of it; null where its setup or its basis is not stored.
+  /// The system as the store has it; null where its setup or its basis is not stored.
   std::shared_ptr<ResidentSystem> restored_system(const OwnedId& id, const RunContext& context);
   SystemCache::Restore restore(const OwnedId& id);
   void require_stored(const OwnedId& id);

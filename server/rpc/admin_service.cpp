@@ -20,7 +20,7 @@ namespace deform::server {
 
 namespace {
 
-/// Of a reply: below 1 MiB.
+/// Limits of a reply, which stays below 1 MiB.
 constexpr std::size_t most_entries = 1000, longest_line = 900, longest_reason = 200;
 constexpr int threads = 2;
 constexpr std::size_t waiting_calls = 64;

@@ -49,9 +49,9 @@ class Identities {
   /// `source` names the text in errors: Error(invalid_argument) "SOURCE:LINE: what is wrong". The credential is never repeated.
   static Identities parse(std::string_view text, const std::string& source);
 
-  /// Of the bearer of a token, by its SHA-256. The time taken does not depend on how much of a hash agrees.
+  /// The identity of the bearer of a token, by its SHA-256. The time taken does not depend on how much of a hash agrees.
   std::optional<Identity> of_token(std::string_view token) const;
-  /// Of the first line that names any of these subject alternative names of a verified certificate.
+  /// The identity of the first line that names any of these subject alternative names of a verified certificate.
   std::optional<Identity> of_certificate(std::span<const std::string> names) const;
 
   /// What a tenant may take.

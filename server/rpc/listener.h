@@ -33,7 +33,7 @@ HostPort split_address(const std::string& address);
 std::size_t connection_limit(std::size_t wanted);
 
 /// Accepts connections and hands them on, up to a limit: more are closed at once. gRPC's own listener has no limit, and stops for
-/// good when the process has no file left. Connections end without its being told; it looks which of them are still open.
+/// good when the process has no file left. It is not notified of the end of connections; it checks which of them are still open.
 ///
 /// Nor does one host get all of them: it may have four times as many as are free, by the rule that the queue has for clients
 /// (Scheduler::enter), so that there is room for the next one. Hosts are those of host_of(); a unix socket, which has clients of

@@ -129,7 +129,7 @@ std::string fields_of(const CallRecord& record) {
 /// The logger of calls where records are JSON objects: its formatter takes the members as they are.
 constexpr char calls_logger[] = "deformd.calls";
 
-/// Of the process, as its logger.
+/// The budgets of the process, which has one logger.
 struct LineBudgets {
   explicit LineBudgets(std::uint32_t lines_per_second) : calls(lines_per_second), library(lines_per_second) {}
   LineBudget calls, library;

@@ -81,7 +81,7 @@ class LineBudget {
 
   struct Answer {
     bool logged = true;          ///< this line has room
-    std::uint64_t left_out = 0;  ///< lines of the seconds before that had none, told once
+    std::uint64_t left_out = 0;  ///< lines of the seconds before that had none, reported once
   };
   /// For one more line.
   Answer next(Clock::time_point now);

@@ -24,7 +24,8 @@ struct HealthCheck {
 ///   /livez    200 while the server works, else 503: restart it
 ///   /readyz   200 while it should get new work, else 503; ?exclude=NAME leaves a check out, as often as it is given
 ///
-/// The last two answer one line per check, "[+] NAME" or "[-] NAME: reason". Nothing about callers, geometries or setups is told.
+/// The last two answer one line per check, "[+] NAME" or "[-] NAME: reason". They contain nothing about callers, geometries or
+/// setups.
 class OperationsPort {
  public:
   /// Called by threads of the port, several at once.

@@ -113,7 +113,7 @@ class CallScope {
   void cancel() { stop_.request_stop(); }
   /// Tells the operator which geometry and system the record names.
   void note_subject() const { call_.open->set_subject(record.geometry, record.system); }
-  /// The connection is told in a moment that the call is over, should it not have ended by itself.
+  /// Ends the call in a moment, should it not have ended by itself.
   void cut_off_soon();
   /// The same when the client does not take the answer for as long as it may.
   void cut_off_when_stalled();

@@ -17,7 +17,7 @@ class RunningLimits {
   using Change = std::function<void(const std::string& value)>;
   using Current = std::function<std::string()>;
 
-  /// Of the names that are there already, nothing changes. Without `change` it stays as it is until a restart. `current` is asked
+  /// Names that are there already stay as they are. Without `change` a limit stays as it is until a restart. `current` is asked
   /// for the value of what others change, too.
   void add(const std::string& name, const std::string& value, Change change = {}, Current current = {});
 

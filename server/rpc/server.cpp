@@ -169,7 +169,7 @@ class GrpcServer final : public RunningServer {
       listener_->start([this](int fd) { hand_over(fd); });
     }
     if (port() > 0) address_ = options.address.substr(0, options.address.rfind(':') + 1) + std::to_string(port());
-    // Asked once: what the watcher compares with must be what the health service was told.
+    // Asked once: what the watcher compares with must be what the health service has.
     const bool writable = engine_->store().writable();
     set_serving(true, writable);
     const std::uint64_t budget = engine_->info().memory_budget();

@@ -64,7 +64,7 @@ class DeformService {
   std::size_t held_request_bytes() const;
   /// What happens to a connection that begins calls and resets them without end. Before the first call.
   void on_flood(std::function<void(const std::string& peer)> action);
-  /// Of all calls.
+  /// The metrics of all calls.
   const Metrics& metrics() const;
   /// Rereads the files of who may call when they changed. Now and then, by anyone.
   void refresh_access();

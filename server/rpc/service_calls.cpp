@@ -18,7 +18,7 @@ constexpr std::size_t chunk_points = 1u << 15;
 
 constexpr std::size_t setup_piece_bytes = 768 * 1024;
 
-/// Of one stage; a new stage is always reported.
+/// The interval of reports on one stage; a new stage is always reported.
 constexpr std::chrono::milliseconds progress_interval{100};
 
 Error incomplete(const char* what) { return {ErrorCode::invalid_argument, std::string("the stream ended before ") + what}; }

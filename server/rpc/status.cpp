@@ -10,7 +10,8 @@
 namespace deform::server {
 
 grpc::Status to_status(const Error& error) {
-  return {static_cast<grpc::StatusCode>(convert::status_number(error.code())), escaped(error.told(), convert::max_error_message)};
+  return {static_cast<grpc::StatusCode>(convert::status_number(error.code())),
+          escaped(error.public_message(), convert::max_error_message)};
 }
 
 Error to_error(const std::exception_ptr& exception) {

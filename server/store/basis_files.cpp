@@ -22,7 +22,7 @@ namespace {
 constexpr std::string_view basis_suffix = ".basis", part_mark = ".basis.part.";
 constexpr std::size_t digest_size = 64;
 constexpr std::size_t piece_bytes = std::size_t{1} << 20;
-constexpr std::int64_t abandoned_ns = std::int64_t{24} * 3600 * 1'000'000'000;  // of a file that nobody finishes any more
+constexpr std::int64_t abandoned_ns = std::int64_t{24} * 3600 * 1'000'000'000;  // of a file that no process finishes any more
 
 [[noreturn]] void refuse_basis(const std::string& key) {
   throw Error(ErrorCode::data_loss, "store: the stored basis of system " + key + " is damaged");
@@ -245,7 +245,7 @@ std::size_t BasisFiles::check(const RunContext& context,
     try {
       if (const auto reader = open(entry.system)) reader->verify();
     } catch (const Error& error) {
-      if (contains(entry.system)) damaged(entry.system, error.told());
+      if (contains(entry.system)) damaged(entry.system, error.public_message());
     }
   }
   return all.size();

@@ -126,12 +126,12 @@ class Catalog {
 
   virtual StoredAmount amount_of(const std::string& tenant) = 0;
 
-  /// Of all tenants.
+  /// The contents of all tenants.
   virtual std::vector<OwnedId> all_geometries() = 0;
   virtual std::vector<OwnedId> all_setups() = 0;
   virtual std::map<std::string, StoredAmount> amounts() = 0;
 
-  /// Of all tenants.
+  /// The contents of all tenants.
   struct Counts {
     std::size_t geometries = 0, setups = 0;
   };

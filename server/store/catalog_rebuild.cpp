@@ -193,7 +193,7 @@ class Rebuild {
     spdlog::error("store: {} is damaged; it is kept as {}", path.string(), kept.string());
   }
 
-  /// Of a file whose content has the id and is a geometry as an upload would have been.
+  /// The record of a file whose content has the id and is a geometry as an upload would have been.
   std::optional<GeometryRecord> geometry_from_content(const OwnedId& id) const {
     const fs::path file = directory_.geometries() / key_of(id);
     return unless_damaged([&] {

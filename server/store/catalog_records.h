@@ -19,7 +19,7 @@ namespace deform::server {
 /// The record of a geometry that a tenant registered at that time (milliseconds since 1970).
 GeometryRecord geometry_record(v1::GeometryInfo info, std::int64_t registered_ms, const std::string& tenant);
 
-/// What a tenant is told that does not have the geometry.
+/// The error for a tenant that does not have the geometry.
 Error unknown_geometry(const std::string& id);
 /// What an intact row says.
 v1::GeometryInfo recorded_info(const GeometryRecord& record);
@@ -27,7 +27,7 @@ v1::GeometryInfo recorded_info(const GeometryRecord& record);
 /// About what a record takes on the disk, the content of a geometry included. 0 for a geometry whose record is damaged.
 std::uint64_t stored_bytes(const GeometryRecord& record);
 std::uint64_t stored_bytes(const SetupRecord& record);
-/// Of the content of a geometry by its description.
+/// The bytes of the content of a geometry, by its description.
 std::uint64_t content_bytes(const v1::GeometryInfo& info);
 
 /// SHA-256 of all fields, in hexadecimal digits.

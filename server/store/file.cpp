@@ -31,7 +31,7 @@ void fail_on(const FileSystem& files, const char* action, const std::filesystem:
     return std::string("store: cannot ") + action + " " + name + ": " + std::strerror(error);
   };
   throw Error(full ? ErrorCode::out_of_budget : ErrorCode::unavailable, message(path.string()))
-      .told_as(message(files.shown(path)))
+      .with_public_message(message(files.shown(path)))
       .refused_for(full ? Refusal::disk : Refusal::none);
 }
 

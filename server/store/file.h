@@ -35,7 +35,7 @@ class File {
   int descriptor_;
 };
 
-/// Throws what errno says about an action on a path; clients are told of the path as `files` shows it.
+/// Throws what errno says about an action on a path; clients see the path as `files` shows it.
 [[noreturn]] void fail_on(const FileSystem& files, const char* action, const std::filesystem::path& path);
 
 /// Makes a rename or removal inside the directory durable.

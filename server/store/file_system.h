@@ -52,13 +52,13 @@ class FileSystem {
   /// Without "." and "..", in any order.
   virtual int list(const Path& directory, std::vector<std::string>& names) = 0;
   virtual bool is_writable(const Path& path) = 0;
-  /// Bytes that this user may still write; nothing when that cannot be told.
+  /// Bytes that this user may still write; nothing when that is unknown.
   virtual std::optional<std::uint64_t> free_bytes(const Path& directory) = 0;
 
-  /// How those are told of a path who may read what is said about it.
+  /// How a path looks to those who may read what is said about it.
   virtual std::string shown(const Path& path) const { return path.string(); }
 
-  /// Of SQLite, by its name; null: the one that SQLite takes by itself.
+  /// The name of the VFS of SQLite; null: the one that SQLite takes by itself.
   virtual const char* sqlite_vfs() const = 0;
 };
 

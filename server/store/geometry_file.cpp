@@ -29,15 +29,15 @@ codec::GeometryView view(const Mesh& mesh, std::vector<codec::GroupView>& groups
 void visit_pieces(const Mesh& mesh, const char* stage, const RunContext& context, const codec::ByteSink& sink) {
   std::vector<codec::GroupView> groups;
   const auto total = static_cast<double>(mesh_bytes(mesh));
-  std::size_t done = 0, told = 0;
+  std::size_t done = 0, checked = 0;
   codec::visit_geometry_bytes(view(mesh, groups), [&](const void* data, std::size_t size) {
     const auto* bytes = static_cast<const char*>(data);
     for (std::size_t first = 0; first < size; first += content_piece) {
       const std::size_t piece = std::min(content_piece, size - first);
       sink(bytes + first, piece);
       done += piece;
-      if (done - told < content_piece) continue;
-      told = done;
+      if (done - checked < content_piece) continue;
+      checked = done;
       context.progress(stage, std::min(1.0, static_cast<double>(done) / total));
       context.check();
     }

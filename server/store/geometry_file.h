@@ -13,11 +13,11 @@ namespace deform::server {
 
 /// A stored geometry is exactly the byte sequence its id is the SHA-256 of (core/codec/geometry_id.h), so the id is the checksum.
 
-/// Of the arrays of a mesh in memory, and about the size of its file.
+/// The bytes of the arrays of a mesh in memory, and about the size of its file.
 std::size_t mesh_bytes(const Mesh& mesh);
 
 /// The id and the file of a mesh are made in pieces of at most so many bytes. Between two of them the context may stop it, and is
-/// told of the stages "hash" and "write".
+/// informed of the stages "hash" and "write".
 inline constexpr std::size_t content_piece = std::size_t{1} << 20;
 
 std::string mesh_id(const Mesh& mesh, const RunContext& context = {});

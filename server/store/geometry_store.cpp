@@ -184,7 +184,7 @@ void GeometryStore::share_content(const GeometryRecord& record, std::int64_t int
   }
 }
 
-/// Of an upload that failed; what cannot be removed now is left to the next start.
+/// Removes the file of an upload that failed; what cannot be removed now is left to the next start.
 void GeometryStore::take_back(const GeometryRecord& record, std::int64_t intent) {
   const std::lock_guard lock(visibility_);
   try_remove(files_, directory_.temporary(key_of(owned(record)), intent));
@@ -325,7 +325,7 @@ std::vector<std::string> GeometryStore::remove(const OwnedId& id, WithSetups pol
   return setups;
 }
 
-/// The rows are gone, so the caller is told that it is done: files that cannot be removed now are left to the next start.
+/// The rows are gone, so the call succeeds: files that cannot be removed now are left to the next start.
 void GeometryStore::finish(const Intent& removal) {
   try {
     step("a removal is announced");

@@ -37,7 +37,7 @@ class Result {
   int rows() const { return PQntuples(result_.get()); }
   std::string text(int row, int column) const;
   std::int64_t number(int row, int column) const;
-  /// Of a bytea.
+  /// The value of a bytea.
   std::string bytes(int row, int column) const;
   /// Rows that were inserted, updated or deleted.
   std::int64_t affected() const;
@@ -65,7 +65,7 @@ struct Notification {
   std::string channel, payload;
 };
 
-/// For one thread at a time. Nothing waits longer than it is told to: a server that takes a question and never answers, or a
+/// For one thread at a time. Nothing waits beyond its limit: a server that takes a question and never answers, or a
 /// network that drops everything, ends as LostConnection.
 class Connection {
  public:

@@ -119,7 +119,7 @@ std::string array_of(const std::vector<std::string>& keys) {
   return text + "}";
 }
 
-/// With what only the operator is told.
+/// With what is for the operator only.
 std::string detail_of(const Error& error) {
   const auto* lost = dynamic_cast<const LostConnection*>(&error);
   return lost == nullptr ? error.what() : "catalog: " + lost->why();

@@ -59,7 +59,7 @@ class SharedCatalog : public Catalog {
   virtual void snapshot(const std::function<void(GeometryRecord&&)>& geometry,
                         const std::function<void(SetupRecord&&)>& setup) = 0;
 
-  /// Of many geometries of a tenant.
+  /// The numbers of setups of many geometries of a tenant.
   virtual std::map<std::string, std::size_t> setup_counts(const std::string& tenant, const std::vector<std::string>& ids) = 0;
 
   /// A name that one server at a time has, as long as the result lives or the session that holds it. Waits for at most that long;

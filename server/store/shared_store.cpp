@@ -20,7 +20,7 @@ namespace {
 constexpr std::uint32_t folder_retry_ms = 1000;
 constexpr const char* register_again = "register the geometry again";
 
-/// Of a row that is intact and whose file was there.
+/// The description of a geometry whose row is intact and whose file was there.
 v1::GeometryInfo whole_info(const GeometryRecord& record, std::size_t setups) {
   v1::GeometryInfo info = recorded_info(record);
   info.set_setups(static_cast<std::uint32_t>(setups));
@@ -183,7 +183,7 @@ void SharedStore::take_back(const GeometryRecord& record) {
   finish(removal);
 }
 
-/// The rows are gone, so the caller is told that it is done.
+/// The rows are gone, so the call succeeds.
 void SharedStore::finish(const Intent& removal) {
   try {
     step("a removal is announced");
@@ -235,7 +235,7 @@ std::optional<v1::GeometryInfo> SharedStore::described(const GeometryRecord& rec
     const auto now = catalog_->find_geometry(owned(record));
     if (!now) return std::nullopt;
     if (now->put != record.put) return described(*now, setups);
-    // Of a folder that cannot be reached nothing is known: then the catalog is believed, and systems in memory go on.
+    // Nothing is known of a folder that cannot be reached: then the catalog is believed, and systems in memory go on.
     if (directory_->is_reachable()) info.set_damage(std::string("the stored file is missing or damaged; ") + register_again);
   }
   info.set_setups(static_cast<std::uint32_t>(setups));
@@ -373,7 +373,7 @@ StoreReport SharedStore::check(const RunContext& context, const RoomFor& room) {
       read_geometry_file(file_of(*record), id.id, files_).validate();
     } catch (const Error& error) {
       const auto now = catalog_->find_geometry(id);
-      if (now && now->put == record->put) complain(report, named("geometry", id) + ": " + error.told());
+      if (now && now->put == record->put) complain(report, named("geometry", id) + ": " + error.public_message());
     }
   }
   for (const auto& id : setups) {
@@ -383,7 +383,7 @@ StoreReport SharedStore::check(const RunContext& context, const RoomFor& room) {
     try {
       verify(*record);
     } catch (const Error& error) {
-      complain(report, named("system", id) + ": " + error.told());
+      complain(report, named("system", id) + ": " + error.public_message());
     }
   }
   check_bases(report, bases_, context);
@@ -424,7 +424,7 @@ void SharedStore::finish_what_is_left() {
   for (const auto& removal : taken) finish(removal);
 }
 
-/// For what no news has told: they are lost with a connection, and what is being loaded is in no memory yet.
+/// For changes without a notification: these are lost with a connection, and what is being loaded is in no memory yet.
 void SharedStore::compare_memory() {
   for (const Intent::What what : {Intent::What::setup, Intent::What::geometry}) {
     std::vector<OwnedId> held;

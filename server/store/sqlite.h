@@ -42,7 +42,7 @@ class Statement {
 
   /// True when there is a row.
   bool step();
-  /// Of a text or a blob.
+  /// The value of a text or a blob.
   std::string text_at(int column) const;
   std::int64_t number_at(int column) const { return sqlite3_column_int64(statement_, column); }
 

@@ -32,7 +32,7 @@ struct StoreOptions {
   std::function<void(const char* step)> on_step = [](const char*) {};
   /// Outlives the store; null: that of this machine.
   FileSystem* files = nullptr;
-  /// In what clients are told.
+  /// In the words for clients.
   Naming naming = Naming::in_full;
 };
 

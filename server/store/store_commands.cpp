@@ -32,7 +32,7 @@ void check_one(StoreReport& report, const std::string& what, Verify verify) {
   try {
     verify();
   } catch (const Error& error) {
-    complain(report, what + ": " + error.told());
+    complain(report, what + ": " + error.public_message());
   } catch (const std::exception& error) {
     complain(report, what + ": " + error.what());
   }
@@ -167,7 +167,8 @@ StoreReport guarded(Work work) {
   try {
     return work();
   } catch (const fs::filesystem_error& error) {
-    throw Error(ErrorCode::unavailable, std::string("store: ") + error.what()).told_as("store: " + error.code().message());
+    throw Error(ErrorCode::unavailable, std::string("store: ") + error.what())
+        .with_public_message("store: " + error.code().message());
   }
 }
 
@@ -194,8 +195,8 @@ StoreReport check_store(const fs::path& data_dir, FileSystem& files) {
       damaged = catalog->check();
     } catch (const Error& error) {
       if (error.code() != ErrorCode::data_loss) throw;
-      complain(report,
-               std::string(error.told()) + "; the next start, or \"deformd store rebuild\", makes a new one of the files");
+      complain(report, std::string(error.public_message()) +
+                           "; the next start, or \"deformd store rebuild\", makes a new one of the files");
       return report;
     }
     check_rows(report, damaged);
@@ -239,7 +240,7 @@ StoreReport check_open_store(const StoreDirectory& directory, Catalog& catalog, 
       check_rows(report, catalog.check());
     } catch (const Error& error) {
       if (error.code() != ErrorCode::data_loss) throw;
-      complain(report, std::string(error.told()) + "; the next start makes a new one of the files");
+      complain(report, std::string(error.public_message()) + "; the next start makes a new one of the files");
       return report;
     }
     // A row that goes meanwhile takes its files along.

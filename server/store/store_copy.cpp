@@ -90,7 +90,7 @@ bool StoreCopy::take(const fs::path& from, const char* folder, const std::string
         copy(from, to, about);
         break;
       }
-      // Of an earlier round or run: whole, half, or what was there then.
+      // A file of an earlier round or run: whole, half, or what was there then.
       struct stat there {};
       const bool same_file = files_.status(to, FileSystem::Links::follow, there) == 0 && there.st_dev == about.st_dev &&
                              there.st_ino == about.st_ino;

@@ -34,7 +34,7 @@ class StoreCopy {
   /// Makes all of it durable, and a store of it.
   void finish();
 
-  /// Of a store of one server: the contents, and the records of geometries and setups.
+  /// The folders of a store of one server: the contents, and the records of geometries and setups.
   static constexpr const char* folders[] = {"geometries", "names", "setups"};
 
  private:

@@ -31,7 +31,7 @@ constexpr const char* mark_name = "deformd-store";
 constexpr const char* mark_text = "deformd store, format 3\n";
 constexpr const char* shared_mark_text = "deformd store, format 3, shared by servers with the catalog ";
 constexpr const char* mark_of_2 = "deformd store, format 2\n";  // the files of the default tenant alone: a format 3 as it stands
-/// Of the file systems themselves, of a mark that was not finished, and the lock, which is made before the mark.
+/// Names that belong to file systems or to a mark that was not finished, and the lock, which is made before the mark.
 constexpr std::array nothing_of_anybody = {"lost+found", "deformd-store.part", "lock", "deformd-unfinished-copy.part"};
 constexpr std::array layout = {"lock",
                                "geometries",
@@ -217,7 +217,7 @@ StoreDirectory::StoreDirectory(const fs::path& root, Accept accept, FileSystem& 
       write_mark_text(root, mark_, files);
       spdlog::info("store: {} is now a store of deformd", root.string());
     } else if (catalog.empty() && content(root / mark_name, files) != mark_text) {
-      // Of format 2, before the catalog is changed, which an older server would not understand; or damaged.
+      // The mark of format 2, before the catalog is changed, which an older server would not understand; or damaged.
       write_mark(root, files);
     }
     for (const fs::path& folder : {geometries(), names(), setups(), tmp(), damaged(), unclaimed()}) {

@@ -15,7 +15,7 @@
 
 namespace deform::server {
 
-/// How clients are told of the files of a store.
+/// How clients see the files of a store.
 enum class Naming {
   in_full,           ///< whoever asks looks after the store
   below_the_folder,  ///< "geometries/1a2b": where the store is on its machine is nobody's business
@@ -65,7 +65,7 @@ class StoreFiles final : public FileSystem {
   std::optional<std::uint64_t> free_bytes(const Path& directory) override { return files_.free_bytes(directory); }
   const char* sqlite_vfs() const override { return files_.sqlite_vfs(); }
 
-  /// Of sync() and sync_all() so far, those that failed included. What SQLite syncs goes another way.
+  /// The calls of sync() and sync_all() so far, those that failed included. What SQLite syncs goes another way.
   SyncTimes sync_times() const;
 
  private:

@@ -27,7 +27,7 @@ from wire_client import SETUP, Plate  # noqa: E402
 MIB = 1 << 20
 BUDGET = 512 * MIB
 LONG = bool(os.environ.get("DEFORM_LONG"))
-# Of their own, not one shared by all channels of this process to an address.
+# Connections of their own, not one shared by all channels of this process to an address.
 CHANNEL = [("grpc.use_local_subchannel_pool", 1)]
 
 

@@ -339,7 +339,7 @@ def small_window(attack):
 
 
 def call_frames(connection, method, message):
-    """Of a call with one message, which fits into one frame."""
+    """The frames of a call with one message, which fits into one."""
     stream = connection.next_stream()
     return (http2.frame(http2.HEADERS, http2.END_HEADERS, stream, http2.call_headers(method)) +
             http2.frame(http2.DATA, http2.END_STREAM, stream, b"\0" + struct.pack(">I", len(message)) + message))

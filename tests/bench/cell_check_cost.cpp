@@ -42,7 +42,7 @@ Setup roof_setup(const Mesh& mesh) {
   return setup;
 }
 
-/// Of one thread, as the processor counts it, the least of many: what else the machine does counts little.
+/// The time of one thread, as the processor counts it, the least of many: what else the machine does counts little.
 template <typename Work>
 double least_seconds(int times, const Work& work) {
   RunContext alone;

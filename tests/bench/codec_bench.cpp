@@ -38,7 +38,7 @@ double milliseconds_once(const std::function<void()>& work) {
   return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
 }
 
-/// Of the second time, with buffers that are there.
+/// The second time, with buffers that are there.
 double milliseconds_warm(const std::function<void()>& work) {
   work();
   return milliseconds_once(work);

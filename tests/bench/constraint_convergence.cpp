@@ -76,7 +76,7 @@ double distance(const std::vector<Vec3>& a, const std::vector<Vec3>& b) {
   return std::sqrt(sum / static_cast<double>(a.size()));
 }
 
-/// Of the plain alternation: as many as are needed.
+/// Steps of the plain alternation: as many as are needed.
 int plain_iterations(const ShellCase& of, const std::vector<Vec3>& solution) {
   PlainAlternation plain = of.plain();
   for (int iterations = 1; iterations < most_plain; ++iterations) {
@@ -86,7 +86,7 @@ int plain_iterations(const ShellCase& of, const std::vector<Vec3>& solution) {
   return most_plain;
 }
 
-/// Of the default, counted like those: as many steps as bring the points near, whether it knows or not.
+/// Steps of the default, counted like those: as many steps as bring the points near, whether it knows or not.
 int default_steps(const ShellCase& of, const std::vector<Vec3>& solution) {
   for (double tolerance = 0.1; tolerance > 1e-12; tolerance /= 2) {
     ConstrainedSolver::Options options;

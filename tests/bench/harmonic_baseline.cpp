@@ -23,7 +23,7 @@ Gradients tetrahedron_gradients() {
   return G;
 }
 
-/// Of the trilinear ones on the cube [-1, 1]^3.
+/// The trilinear ones on the cube [-1, 1]^3.
 Gradients hexahedron_gradients(const Vec3& at) {
   constexpr double corner[8][3] = {{-1, -1, -1}, {1, -1, -1}, {1, 1, -1}, {-1, 1, -1},
                                    {-1, -1, 1},  {1, -1, 1},  {1, 1, 1},  {-1, 1, 1}};

@@ -290,7 +290,7 @@ void bench_basis(std::size_t points, std::size_t handles, int repetitions) {
   print_value("streaming the basis once, " + std::to_string(info.basis_bytes >> 20) + " MiB", median(streaming) * 1e3, "ms");
   print_value("one design by the basis", median(one) * 1e3, "ms");
   print_at_most("one design / streaming the basis", 1.5, median_ratio(one, streaming));
-  // Of each point the place, and its line of the result, which is fetched before it is written.
+  // For each point the place, and its line of the result, which is fetched before it is written.
   const double points_bytes = static_cast<double>(info.points) * 3 * sizeof(Vec3);
   print_value("  the same in bytes: the basis, rest points, and the result fetched and written",
               1 + points_bytes / static_cast<double>(info.basis_bytes), "");

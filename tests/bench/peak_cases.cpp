@@ -43,7 +43,7 @@ Setup rbf(Solver solver) {
   return body_setup(options);
 }
 
-/// Of a tolerance that is never met, so that there are as many centres as can be: the estimate does not know how few suffice.
+/// A tolerance that is never met, so that there are as many centres as can be: the estimate does not know how few suffice.
 Setup most_centres() {
   RbfOptions options = std::get<RbfOptions>(rbf(Solver::incremental_qr).method);
   options.tolerance = 1e-10;

@@ -52,7 +52,7 @@ def seconds_of_python(system, random):
 
 
 def processor_ratio(folder, address, system, random):
-    """Of the processor time of the two clients alone, which a busy machine does not change; the start of `deform bench` left out."""
+    """The ratio of the processor times of the two clients alone, which a busy machine does not change; the start of `deform bench` left out."""
     def cpp(designs):
         before = processor_seconds(resource.RUSAGE_CHILDREN)
         subprocess.run([DEFORM, "bench", "ahmed.yaml", "--population", str(POPULATION), "--designs", str(designs), "--encoding", "raw_f64",

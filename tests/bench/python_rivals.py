@@ -39,7 +39,7 @@ from harness import DEFORM, Server  # noqa: E402
 
 HANDLES, POPULATION, REFERENCE_STRIDE = 20, 15, 50
 AGREEMENT = 1e-9
-"""Of the largest displacement: how far deformd may be from extended precision."""
+"""A fraction of the largest displacement: how far deformd may be from extended precision."""
 
 
 def own_seconds():

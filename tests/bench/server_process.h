@@ -8,7 +8,7 @@
 
 namespace deform::bench {
 
-/// A deformd process of its own on a free port of 127.0.0.1, with its data under `folder`. Told to stop at the end.
+/// A deformd process of its own on a free port of 127.0.0.1, with its data under `folder`, which is stopped at the end.
 class ServerProcess {
  public:
   /// Throws std::runtime_error when it does not come up; its log is then in folder/deformd.log.

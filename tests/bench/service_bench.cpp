@@ -333,7 +333,7 @@ void flat_memory(const ServerProcess& server, const Prepared& prepared, const Op
                  100 * (after - before) / before, 2, " %");
 }
 
-/// Of what the process grew by for a system, the share that is still resident when the system was evicted. A first system is
+/// The share of what the process grew by for a system that is still resident when the system was evicted. A first system is
 /// evicted before that: buffers of libraries, and the mesh, are there from then on.
 void memory_after_eviction(client::Client& client, const ServerProcess& server, const Options& options, Report& report) {
   const CaseSize size = options.large;

@@ -93,6 +93,22 @@ class Consumer(unittest.TestCase):
                 self.assertNotRegex(text, r'#include "(core|client)/', name)
                 self.assertNotIn(BUILD, text, name)
 
+    def test_everything_is_under_the_licence_of_the_client(self):
+        """Every text file but the licence itself and what other programs make says Apache-2.0 in its first line."""
+        generated = re.compile(r"\.pb\.h$|/deform-(client|files)-targets(-\w+)?\.cmake$|/deform-config-version\.cmake$")
+        looked_at = set()
+        for name in self.installed():
+            if name.endswith(".a"):
+                continue
+            with open(os.path.join(self.prefix, name), encoding="utf-8") as file:
+                text = file.read()
+            self.assertNotIn("GPL", text, name)
+            if generated.search(name) or name == "share/doc/deform/Apache-2.0.txt":
+                continue
+            self.assertRegex(text.splitlines()[0], r"^(//|#) SPDX-License-Identifier: Apache-2\.0$", name)
+            looked_at.add(re.sub(r".*(?=\.)", "", name))
+        self.assertEqual(looked_at, {".h", ".proto", ".cmake", ".pc"})
+
 
 class ClientOnly(unittest.TestCase):
     def test_needs_nothing_of_the_solvers(self):

@@ -174,7 +174,7 @@ class Flow(EndToEnd):
         child = self.spawn(*command)
         manifest = self.path("results/sweep.manifest")
         def entries():
-            """Of finished results; there are other lines, too."""
+            """The entries of finished results; there are other lines, too."""
             if not os.path.exists(manifest):
                 return {}
             with open(manifest) as file:

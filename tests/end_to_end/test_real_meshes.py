@@ -66,7 +66,7 @@ def off_circle(points):
 
 
 def height_and_normal(a, b, c):
-    """Of a triangle: its least height and its unit normal, by the right hand."""
+    """The least height of a triangle and its unit normal, by the right hand."""
     u, v = [q - p for p, q in zip(a, b)], [q - p for p, q in zip(a, c)]
     cross = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
     twice = math.hypot(*cross)

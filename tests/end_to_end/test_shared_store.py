@@ -329,7 +329,7 @@ class OneStoreBehindProxy(Killing, Preparations, SharedStore, BehindProxy):
             return "".join(line for line in file if environment["TRACEPARENT"] in line)
 
     def retries(self, kind):
-        """Of each command of the kind, how many of its calls came again: as the proxy saw them."""
+        """How many calls of each command of the kind came again: as the proxy saw them."""
         calls = re.findall(rf"^call \S*/deform\.v1\.DeformService/(\w+) 00-({kind}\w{{31}})-", read_bytes(self.path("haproxy.log")).decode(), re.MULTILINE)
         again = dict.fromkeys((trace for _, trace in calls), 0)
         for (_, trace), count in collections.Counter(calls).items():

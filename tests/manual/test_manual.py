@@ -26,7 +26,7 @@ def read(*names):
 
 
 def options_in(text):
-    """Of a help text: in the column of options, at the beginning of a line."""
+    """The options of a help text: in their column, at the beginning of a line."""
     return {name for names in re.findall(r"^  ((?:-{1,2}[\w-]+,?)+)", text, re.M) for name in names.split(",") if name}
 
 

@@ -349,7 +349,7 @@ TEST(Verdicts, AConditionThatDidNoHarmIsANote) {
 
 TEST(Verdicts, OnlyErrorsOfRadialFunctionsShowWhatAConditionDoes) {
   v1::Setup setup;
-  EXPECT_EQ(method_facts(setup).condition_effect, MethodFacts::Effect::unknown);
+  EXPECT_EQ(method_facts(setup).condition_effect, MethodFacts::Effect::measured) << "an empty method is rbf";
   setup.mutable_method()->mutable_rbf();
   EXPECT_EQ(method_facts(setup).condition_effect, MethodFacts::Effect::measured);
   setup.add_then()->mutable_method()->mutable_rbf();
@@ -421,7 +421,11 @@ TEST(Verdicts, NameTheKernelThatOvershoots) {
   ASSERT_EQ(result.reasons_size(), 1);
   EXPECT_NE(result.reasons(0).find("2 times the largest prescribed displacement: kernel THIN_PLATE"), std::string::npos);
   EXPECT_NE(result.reasons(0).find("BIHARMONIC"), std::string::npos);
-  for (const v1::Kernel kernel : {v1::BIHARMONIC, v1::MULTIQUADRIC, v1::GAUSSIAN}) {
+  for (const v1::Kernel kernel : {v1::TRIHARMONIC, v1::QUINTIC, v1::WENDLAND_C2}) {
+    setup.mutable_method()->mutable_rbf()->set_kernel(kernel);
+    EXPECT_TRUE(method_facts(setup).overshoot.starts_with("kernel " + v1::Kernel_Name(kernel) + " carries"));
+  }
+  for (const v1::Kernel kernel : {v1::BIHARMONIC, v1::MULTIQUADRIC, v1::INVERSE_MULTIQUADRIC, v1::GAUSSIAN}) {
     setup.mutable_method()->mutable_rbf()->set_kernel(kernel);
     EXPECT_TRUE(method_facts(setup).overshoot.empty());
   }

@@ -50,7 +50,7 @@ def to_the_edge(points, variables, report):
 
 
 def in_a_corner(points, variables, report):
-    """Of a hundredth of the bounds, which are about 0.1 and 0.5, around the original."""
+    """A corner of a hundredth of the bounds, which are about 0.1 and 0.5, around the original."""
     if max(abs(variables["roof_up"]), abs(variables["slant_turn"])) > 0.003:
         raise RuntimeError("did not converge")
     return points[:, 2].mean()

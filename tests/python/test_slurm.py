@@ -232,7 +232,7 @@ def test_solvers_have_the_cores_of_the_job_and_start_steps(study, options, step,
 
 
 def test_the_study_may_be_a_job_itself(study, case, slurm, monkeypatch, tmp_path):
-    """Of an array, whose variables its jobs inherit; the first job of design 0 is killed, so that the next one is alone and not in an array."""
+    """A job of an array, whose variables its jobs inherit; the first job of design 0 is killed, so that the next one is alone and not in an array."""
     (tmp_path / "kills.py").write_text("import os, signal\nfrom study_functions import by_process\n\n\ndef first(points, variables, report):\n"
                                        "    if not os.path.exists('killed'):\n        open('killed', 'w').close()\n        os.kill(os.getpid(), signal.SIGKILL)\n"
                                        "    return by_process(points, variables, report)\n")

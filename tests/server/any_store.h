@@ -41,7 +41,7 @@ class AnyStore : public testing::TestWithParam<StoreKind> {
   void put_setup(const std::string& id, const std::string& geometry) {
     store->put_setup({id, geometry, "setup", "info", unix_ms()});
   }
-  /// Of a geometry of the default tenant; no such file when there is none.
+  /// The file of a geometry of the default tenant; no such file when there is none.
   std::filesystem::path file(const std::string& id) const {
     const std::filesystem::path folder = directory.path() / "geometries";
     for (const auto& entry : std::filesystem::directory_iterator(folder)) {
@@ -58,7 +58,7 @@ class AnyStore : public testing::TestWithParam<StoreKind> {
     }
     return ErrorCode::internal;
   }
-  /// Of a quota.
+  /// The message with which a quota refuses an action.
   static std::string refusal(const std::function<void()>& action) {
     try {
       action();

@@ -377,7 +377,7 @@ TEST_P(Evaluate, CallsThatWaitForTheirClientsHoldLittle) {
   writer.join();
   EXPECT_TRUE(open[0]->Finish().ok());
   EXPECT_EQ(answers, 20u);
-  // Of a call that goes on, too: when all is answered it holds as much as before.
+  // That holds for a call that goes on, too: when all is answered it holds as much as before.
   for (std::uint32_t b = 0; b < 3; ++b) ASSERT_TRUE(open[1]->Write(block(points, b, std::uint64_t{b} * points.size())));
   for (answers = 0; answers < 3 && open[1]->Read(&reply); answers += reply.has_block()) {
   }

@@ -64,7 +64,7 @@ TEST(Log, HasWhatClientsAreNotTold) {
   CallRecord record;
   record.method = "Prepare";
   record.client = "ipv4:10.0.0.7:4242";
-  record.error = Error(ErrorCode::unavailable, "cannot write /srv/data/tmp/1a").told_as("cannot write tmp/1a");
+  record.error = Error(ErrorCode::unavailable, "cannot write /srv/data/tmp/1a").with_public_message("cannot write tmp/1a");
   EXPECT_EQ(to_line(record),
             "method=Prepare client=ipv4:10.0.0.7:4242 status=unavailable message=\"cannot write /srv/data/tmp/1a\"");
 }

@@ -126,7 +126,7 @@ class OperatedEngine : public EngineFixture {
     const auto reply = calls.list({}, 0, all);
     return reply.calls_size() == 1 ? reply.calls(0) : v1::CallInfo();
   }
-  /// Of the only one, once those before it are gone.
+  /// The cost of the only one, once those before it are gone.
   double cost() {
     EXPECT_TRUE(eventually([&] { return calls.size() == 1; }));
     return only().cost();

@@ -40,7 +40,7 @@ class TemporaryDirectory {
   std::filesystem::path path_;
 };
 
-/// Of the tenant of whoever is not asked.
+/// The id for the tenant of callers without an identity.
 inline OwnedId own(const std::string& id) { return {default_tenant, id}; }
 
 /// Waits for a condition that other threads bring about; false after a minute, which also a busy machine

@@ -72,7 +72,7 @@ class SimulatedDisk : public FileSystem {
   std::function<int(bool changing)> fault;
   std::uint64_t capacity = std::uint64_t{1} << 30;
   std::uint64_t used() const;
-  /// Of all files below a folder with their sizes.
+  /// All files below a folder with their sizes.
   std::map<std::string, std::uint64_t> files(const Path& folder) const;
   /// In what is durable; the file must be that long.
   void flip_bit(const Path& file, std::uint64_t bit);

@@ -35,7 +35,7 @@ TEST(Status, EveryErrorHasItsStatus) {
 }
 
 TEST(Status, ClientsAreToldWhatIsMeantForThem) {
-  const Error error = Error(ErrorCode::unavailable, "cannot read /srv/data/a", 7).told_as("cannot read a");
+  const Error error = Error(ErrorCode::unavailable, "cannot read /srv/data/a", 7).with_public_message("cannot read a");
   EXPECT_STREQ(error.what(), "cannot read /srv/data/a");
   EXPECT_EQ(to_status(error).error_message(), "cannot read a");
   EXPECT_EQ(convert::error_to_proto(error).message(), "cannot read a");

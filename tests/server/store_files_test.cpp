@@ -98,7 +98,7 @@ TEST(StoreFiles, no_error_of_a_failing_disk_tells_clients_where_the_store_is) {
       try {
         verb(store);
       } catch (const Error& failure) {
-        const std::string_view to_clients = failure.told(), in_full = failure.what();
+        const std::string_view to_clients = failure.public_message(), in_full = failure.what();
         EXPECT_EQ(to_clients.find("of-nobody"), std::string_view::npos) << to_clients;
         EXPECT_FALSE(to_clients.empty());
         EXPECT_EQ(failure.refusal(), failure.code() == ErrorCode::out_of_budget ? Refusal::disk : Refusal::none);

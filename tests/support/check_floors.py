@@ -45,7 +45,8 @@ FLOORS = {
     "core/deformers/mirrored_mesh.h": ["core/base", "core/mesh", "core/deformers/handles/symmetry.h"],
     "core/deformers/system.h": DEFORMERS_GROUND + ["core/deformers/setup.h"],
     "core/deformers/space_map.h": DEFORMERS_GROUND + ["core/deformers/setup.h", "core/deformers/system.h"],
-    "core/deformers/method.h": DEFORMERS_GROUND + ["core/deformers/setup.h", "core/deformers/system.h"],
+    "core/deformers/method.h": DEFORMERS_GROUND + ["core/deformers/setup.h", "core/deformers/system.h", "core/deformers/method_features.h"],
+    "core/deformers/method_features.h": [],
     "core/deformers/option_checks.h": [],
     "core/deformers/handles": DEFORMERS_GROUND + DEFORMERS_TERMS,
     "core/deformers/rbf": DEFORMERS_GROUND + DEFORMERS_TERMS + ["core/deformers/handles"],
@@ -66,6 +67,7 @@ FLOORS = {
     "proto/convert/controls": ["core/base", "core/mesh", "core/numerics", "proto/convert/base", "proto/convert/mesh", "deform/v1"],
     "proto/convert/findings.h": ["core/quality", "deform/v1"],
     "proto/convert/verdict.h": ["deform/v1"],
+    "proto/convert/method_traits.h": ["core/deformers/method_features.h", "core/numerics", "deform/v1"],
     "proto/convert": ["core/base", "core/codec", "core/mesh", "core/quality", "core/constraints", "core/constraints/detection",
                       "core/deformers", "core/deformers/composed", "proto/convert/base", "proto/convert/mesh", "proto/convert/controls", "deform/v1"],
     # The server never reads a user's file.
@@ -82,7 +84,7 @@ FLOORS = {
     "client/cli": ["core/base", "core/base/commit", "core/cad", "core/codec", "core/compiled", "core/mesh", "core/mesh/cages", "core/io", "core/quality",
                    "core/report",
                    "core/constraints/detection", "core/numerics", "proto/convert/mesh", "proto/convert/controls",
-                   "proto/convert/findings.h", "proto/convert/verdict.h", "deform/v1", "client", "client/setup"],
+                   "proto/convert/findings.h", "proto/convert/verdict.h", "proto/convert/method_traits.h", "deform/v1", "client", "client/setup"],
     "client/examples": ["core/base", "core/codec", "core/mesh", "core/io", "deform/v1", "client"],
 }
 

@@ -13,7 +13,7 @@ import sys
 import check_floors
 
 GPL, APACHE = "GPL-3.0-or-later", "Apache-2.0"
-# The longest folder that holds a file decides.
+# The longest row that is a file or holds it decides.
 LICENCES = {
     "": GPL,
     "proto": APACHE,
@@ -32,10 +32,16 @@ LICENCES = {
     "client": APACHE,
     "client/cli": GPL,  # links the detection of primitives, and with it the solvers
     "tests/consumer": APACHE,
+    # Installed with the libraries under Apache-2.0.
+    "deploy/cmake/FindCGNS.cmake": APACHE,
+    "deploy/cmake/deform-config.cmake.in": APACHE,
+    "deploy/cmake/deform-client.pc.in": APACHE,
+    "deploy/cmake/deform-files.pc.in": APACHE,
 }
 FOLDERS = (".ci", "client", "core", "deploy", "docs", "proto", "server", "tests")
 COMMENTS = {".h": "// {}", ".cpp": "// {}", ".cpp.in": "// {}", ".proto": "// {}", ".js": "// {}", ".css": "/* {} */",
-            ".py": "# {}", ".sh": "# {}", ".cmake": "# {}", ".cmake.in": "# {}", "CMakeLists.txt": "# {}"}
+            ".py": "# {}", ".sh": "# {}", ".cmake": "# {}", ".cmake.in": "# {}", ".pc.in": "# {}", "CMakeLists.txt": "# {}",
+            ".yaml": "# {}", ".cfg": "# {}", ".conf": "# {}", ".service": "# {}", "Dockerfile": "# {}"}
 MARK = "SPDX-License-Identifier: "
 
 
@@ -61,7 +67,7 @@ def comment_of(path):
 
 
 def sources(root):
-    yield root / "CMakeLists.txt"
+    yield from (root / name for name in ("CMakeLists.txt", "Dockerfile"))
     for top in FOLDERS:
         for where, folders, names in os.walk(root / top):
             folders[:] = sorted(name for name in folders if name != "__pycache__")

@@ -19,6 +19,10 @@ RIGHT = {
     "proto/deform/v1/a.proto": f"// {APACHE}\n",
     "deploy/start": f"#!/bin/sh\n# {GPL}\n",
     "deploy/notes": "no source\n",
+    "deploy/compose.yaml": f"# {GPL}\nservices:\n",
+    "deploy/cmake/deform-client.pc.in": f"# {APACHE}\nName: deform-client\n",
+    "deploy/cmake/packages.cmake": f"# {GPL}\n",
+    "Dockerfile": f"# {GPL}\nFROM debian\n",
     "CMakeLists.txt": f"# {GPL}\n",
 }
 
@@ -29,6 +33,10 @@ WRONG = [
     ("server/a.h", f"#pragma once\n// {GPL}\n", "server/a.h:1: "),
     ("deploy/start", f"#!/bin/sh\n\n# {GPL}\n", "deploy/start:2: "),
     ("tests/a.py", "", "tests/a.py:1: "),
+    ("Dockerfile", "FROM debian\n", "Dockerfile:1: "),
+    ("deploy/a.yaml", "services:\n", "deploy/a.yaml:1: "),
+    ("deploy/cmake/FindCGNS.cmake", f"# {GPL}\n", "deploy/cmake/FindCGNS.cmake:1: "),
+    ("deploy/cmake/deform-files.pc.in", "Name: deform-files\n", "deploy/cmake/deform-files.pc.in:1: "),
     ("client/a.cpp", f'// {APACHE}\n#include "core/numerics/sparse/sparse.h"\n', "client/a.cpp:2: "),
     ("core/mesh/a.cpp", f'// {APACHE}\n#include "core/mesh/operators/shell_operators.h"\n', "core/mesh/a.cpp:2: "),
 ]

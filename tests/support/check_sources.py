@@ -7,6 +7,7 @@ are one idea); nothing at the top but what the project has there; no marks of un
 and the large ones have at most 25 pairs of files of their own.
 Programs print floating-point numbers by number_digits(), not by std::to_string(), which has six decimals for all of them. Without a
 compiler that is told by names: what is declared floating in the file, or in headers and nowhere as anything else.
+Comments are sentences with a subject, and data is named by the terms of the field, not by people who act for it.
 """
 import os
 import re
@@ -175,6 +176,36 @@ class FloatingNumbers:
                 yield text.count("\n", 0, found.start()) + 1, "std::to_string of a floating-point number: use number_digits()"
 
 
+# Comments and help in all sources, and words of the programs.
+OF = re.compile(r'(?://[/!]*<? *|")Of ')
+PEOPLE = re.compile(r"\b(told|picked|[Nn]obody (?:looks?|looked|knows|wants))\b")
+# Lines of the programs that still have such words. A number falls with them, and a file that leaves the list does not come back.
+PEOPLE_LEFT = {
+    "server/engine/engine_impl.cpp": 1,
+    "server/engine/evaluate_call.cpp": 3,
+    "server/engine/evaluate_call.h": 1,
+    "server/engine/stored_bases.cpp": 1,
+    "server/engine/system_cache.h": 1,
+    "server/engine/system_factory.cpp": 9,
+}
+
+
+def check_language(path, lines, left):
+    """Words of a file by its path from the root, of which `left` says how many lines may have them."""
+    people = []
+    for number, line in enumerate(lines, 1):
+        if OF.search(line):
+            yield number, "a comment that begins with \"Of\": make it a sentence with a subject"
+        found = PEOPLE.search(line)
+        if found and path.startswith((*PROGRAMS, "proto")):
+            people.append((number, f"\"{found.group(1)}\": name data by the terms of the field"))
+    allowed = left.get(path, 0)
+    if len(people) > allowed:
+        yield from people[allowed:]
+    elif len(people) < allowed:
+        yield 1, f"{len(people)} lines are left of the {allowed} of PEOPLE_LEFT in tests/support/check_sources.py: lower it"
+
+
 def main():
     if len(sys.argv) != 2:
         sys.exit(__doc__)
@@ -203,6 +234,7 @@ def main():
                 with open(path, encoding="utf-8") as source:
                     text = source.read()
                 findings = list(check(name, text.splitlines()))
+                findings += check_language(os.path.relpath(path, root), text.splitlines(), PEOPLE_LEFT)
                 if name.endswith((".h", ".cpp")):
                     classes.add(os.path.relpath(path, root), text)
                     if top in PROGRAMS:

@@ -36,6 +36,30 @@ OTHERS = [
 ]
 
 
+class Language(unittest.TestCase):
+    def check(self, path, text, left=None):
+        return list(check_sources.check_language(path, text.splitlines(), left or {}))
+
+    def test_comments_begin_with_their_subject(self):
+        of = "O" + "f the points."
+        for text in (f"/// {of}", f"int n;  ///< {of}", f"// {of}", f'"""{of}"""', f'add("--seed", seed, "{of}")'):
+            self.assertEqual([line for line, _ in self.check("tests/a.cpp", "\n" + text)], [2], text)
+        for text in ("/// The number of points.", "int n;  ///< of the points", "f(Of());  // Offset"):
+            self.assertEqual(self.check("core/a.cpp", text), [], text)
+
+    def test_people_do_not_act_for_data(self):
+        for text in ("/// Errors that are told.", "v1::Info told;", "// null: nobody looks at it", "/// Nobody knows.", "picked(1)"):
+            self.assertEqual(len(self.check("server/a.h", text)), 1, text)
+            self.assertEqual(self.check("tests/a.h", text), [], text)
+        self.assertEqual(self.check("server/a.h", "/// A server that asks nobody who calls. Foretold."), [])
+
+    def test_what_is_left_falls(self):
+        text = "told\ntold\n"
+        self.assertEqual(self.check("core/a.h", text, {"core/a.h": 2}), [])
+        self.assertEqual([line for line, _ in self.check("core/a.h", text, {"core/a.h": 1})], [2])
+        self.assertIn("lower it", self.check("core/a.h", text, {"core/a.h": 3})[0][1])
+
+
 class FloatingNumbers(unittest.TestCase):
     def check(self, text):
         with tempfile.TemporaryDirectory() as root:

@@ -17,7 +17,8 @@ if(NOT DEFORM_SANITIZE)
   endif()
   add_test(NAME sources.compiler_cache COMMAND ${DEFORM_PYTHON} ${checks}/ccache_launcher_test.py)
   add_test(NAME sources.documents_are_checked COMMAND ${DEFORM_PYTHON} ${checks}/check_docs_test.py)
+  add_test(NAME sources.mutants COMMAND ${DEFORM_PYTHON} ${PROJECT_SOURCE_DIR}/tests/mutation/mutate_test.py)
   set_tests_properties(sources.floors_are_checked sources.house_rules_are_checked sources.references_are_checked
                        sources.licences sources.licences_are_checked
-                       sources.documents_are_checked PROPERTIES ENVIRONMENT PYTHONDONTWRITEBYTECODE=1)
+                       sources.documents_are_checked sources.mutants PROPERTIES ENVIRONMENT PYTHONDONTWRITEBYTECODE=1)
 endif()

@@ -73,7 +73,7 @@ class Postgres:
             self._run("pg_ctl", "-D", self.data, "-w", "-m", mode, "stop")
 
     def _pids(self):
-        """Of the server and of the processes that it has started."""
+        """The ids of the server and of the processes that it has started."""
         main = int(pathlib.Path(self.data, "postmaster.pid").read_text().split()[0])
         with open(f"/proc/{main}/task/{main}/children") as file:
             return [main, *map(int, file.read().split())]

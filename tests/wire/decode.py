@@ -65,7 +65,7 @@ def xxh64(data):
 
 
 def design_checksum(blocks):
-    """Of the checksums of the blocks, in their order."""
+    """The checksum of the checksums of the blocks, in their order."""
     return xxh64(b"".join(struct.pack("<Q", checksum) for checksum in blocks))
 
 

@@ -42,7 +42,7 @@ void keep_what_is_read(const ApplyOptions& options, const SetupFile& file) {
   keep_inputs("-o", options.output, inputs);
 }
 
-/// Where to write. Throws Error(invalid_argument) when that is the source, and nobody said so.
+/// Where to write. Throws Error(invalid_argument) when that is the source, unless asked for.
 std::filesystem::path checked_output(const ApplyOptions& options) {
   const SetupFile file = setup_file_of(options.input);
   keep_what_is_read(options, file);

@@ -164,7 +164,7 @@ void add_options(const CLI::App& command, std::vector<std::string>& names) {
   }
 }
 
-/// The options among the arguments that nobody knows, as they were typed, each with those that are near.
+/// The unknown options among the arguments, as they were typed, each with those that are near.
 std::string unknown_options(const std::vector<const CLI::App*>& chain, const std::vector<std::string>& unknown) {
   std::vector<std::string> known;
   for (const CLI::App* command : chain) add_options(*command, known);
@@ -252,7 +252,7 @@ void define_command_line(CLI::App& app, CommonOptions& common, Action& chosen) {
 
 int run(int argc, const char* const* argv) {
   const PrintableStream out(std::cout), err(std::cerr);
-  setenv("GRPC_VERBOSITY", "NONE", 0);  // errors are told in one line, by us
+  setenv("GRPC_VERBOSITY", "NONE", 0);  // errors are printed in one line, by us
   CommonOptions common;
   Action chosen;
   CLI::App app;

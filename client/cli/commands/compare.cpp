@@ -195,7 +195,7 @@ ExitCode run_compare(const CompareOptions& options, const CommonOptions& common)
     comparison.designs.push_back(design.name);
     comparison.values.push_back(values_text(loaded.setup, design.values));
   }
-  std::optional<Error> ended;  // by whoever waits, or with the server: what was compared before is told
+  std::optional<Error> ended;  // by the user, or with the server: what was compared before is printed
   for (const MethodChoice& choice : choices) {
     try {
       comparison.methods.push_back(comparer.run(choice));

@@ -20,6 +20,7 @@
 #include "core/base/text.h"
 #include "core/compiled/reader.h"
 #include "core/io/mesh_file.h"
+#include "proto/convert/method_traits.h"
 
 namespace deform::cli {
 
@@ -94,25 +95,6 @@ nlohmann::ordered_json compiled_json(const compiled::Content& content, const std
   return json;
 }
 
-bool stores_no_basis(const v1::Method& method) {
-  switch (method.kind_case()) {
-    case v1::Method::kRbf:
-      return method.rbf().basis() == v1::BASIS_NEVER;
-    case v1::Method::kShell:
-      return method.shell().energy().basis() == v1::BASIS_NEVER;
-    case v1::Method::kSubspace:
-      return method.subspace().energy().basis() == v1::BASIS_NEVER;
-    case v1::Method::kMls:
-      return method.mls().energy().basis() == v1::BASIS_NEVER;
-    case v1::Method::kFfd:
-      return method.ffd().energy().basis() == v1::BASIS_NEVER;
-    case v1::Method::kCage:
-      return method.cage().basis() == v1::BASIS_NEVER;
-    default:
-      return false;
-  }
-}
-
 /// Refuses what the server would refuse after it was prepared.
 void check_compilable(const v1::Setup& setup) {
   const auto refuse = [](const std::string& reason) {
@@ -127,9 +109,8 @@ void check_compilable(const v1::Setup& setup) {
         "leave the constraints out, or evaluate on the server");
   }
   if (setup.variables_size() == 0) refuse("it has no design variables; add `variables` to it");
-  const v1::Method::KindCase kind = setup.method().kind_case();
-  // Of handles that hold control points the server says more.
-  if (setup.symmetry_size() > 0 && kind != v1::Method::kRbf && kind != v1::Method::KIND_NOT_SET && !selects_controls(setup)) {
+  // The server says more about handles that hold control points.
+  if (setup.symmetry_size() > 0 && !convert::method_features(setup.method()).symmetry && !selects_controls(setup)) {
     refuse(
         "with symmetry planes or a sector its method deforms the model with its images; use method rbf, control CONTROLS of a "
         "lattice or cage, or compile the whole model");
@@ -140,7 +121,7 @@ void check_compilable(const v1::Setup& setup) {
         "use "
         "coordinates MEAN_VALUE, or evaluate on the server");
   }
-  if (stores_no_basis(setup.method())) {
+  if (convert::basis_of(setup.method()) == v1::BASIS_NEVER) {
     refuse("with BASIS_NEVER it has no handle basis; leave that out, or give BASIS_ALWAYS");
   }
 }

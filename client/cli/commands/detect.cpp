@@ -299,7 +299,7 @@ void add_detect_command(CLI::App& app, const CommonOptions& common, Action& chos
                    "Largest angle between neighbouring faces of a curved primitive, degrees; 0: automatic")
       ->check(CLI::Range(0.0, 90.0))
       ->capture_default_str();
-  command->add_option("--seed", options->seed, "Of the random samples")->capture_default_str();
+  command->add_option("--seed", options->seed, "Seed of the random samples")->capture_default_str();
   command->add_option("--kind", options->kinds, "What to look for; may be repeated; default: all")
       ->take_all()
       ->expected(1)
@@ -307,7 +307,7 @@ void add_detect_command(CLI::App& app, const CommonOptions& common, Action& chos
       ->transform(CLI::IsMember({"plane", "cylinder", "sphere", "cone"}, CLI::ignore_case));
   command->footer(
       "The same mesh, options and seed give the same result and the same names.\n"
-      "Of a setup without constraints, -o continues it with what is found; sets that its handles and fixed regions hold as a\n"
+      "A setup without constraints is continued by -o with what is found; sets that its handles and fixed regions hold as a\n"
       "whole are left out. What follows from other sets (a line on two planes) is left out, too, as a comment.\n"
       "Example: deform detect part.obj -o part.yaml --coloured part_primitives.ply");
   command->callback([options, &common, &chosen] { chosen = [options, &common] { return run_detect(*options, common); }; });

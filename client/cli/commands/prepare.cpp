@@ -15,6 +15,7 @@
 #include "client/cli/setup/control_lattice.h"
 #include "client/cli/setup/plane_variables.h"
 #include "core/base/text.h"
+#include "proto/convert/method_traits.h"
 
 namespace deform::cli {
 
@@ -67,7 +68,7 @@ ExitCode tell(const Findings& findings, const std::string& setup, Style style) {
   return exit_code_of(error);
 }
 
-/// Of setups with constraints; others evaluate designs in no time.
+/// Prints the time of a design with constraints; other setups evaluate designs in no time.
 void print_design_time(double seconds) {
   if (seconds > 0) std::cout << "  time of a design with its constraints: about " << duration_text(seconds) << '\n';
 }
@@ -79,7 +80,7 @@ void print_estimate(const v1::EstimateReply& estimate, const v1::Setup& setup) {
     std::cout << "  handle " << printable(handle.name()) << ": " << handle.points() << held << '\n';
   }
   std::cout << "  fixed: " << estimate.fixed_points() << held << '\n'
-            << (setup.method().has_ffd() || setup.method().has_cage() ? "  control points: " : "  centres: at most ")
+            << (convert::method_features(setup.method()).control_points ? "  control points: " : "  centres: at most ")
             << estimate.centres() << '\n'
             << "  memory: " << bytes_text(estimate.resident_bytes()) << " kept, " << bytes_text(estimate.peak_bytes())
             << " while preparing, budget " << bytes_text(estimate.budget_bytes()) << (estimate.fits() ? "" : ": DOES NOT FIT")
@@ -98,7 +99,7 @@ void print_counts(const v1::SystemInfo& system) {
     std::cout << "  control points: " << system.centres() << ", of these " << held << "\n  points: " << system.points() << '\n';
     return;
   }
-  if (system.setup().method().has_ffd() || system.setup().method().has_cage()) {
+  if (convert::method_features(system.setup().method()).control_points) {
     std::cout << "  control points: " << system.centres() << '\n';
   } else {
     std::cout << "  centres: " << system.centres() << (system.reduced() ? " (reduced from " : " (of ")

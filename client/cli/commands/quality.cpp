@@ -103,7 +103,7 @@ void print_json(const Comparison& comparison, const std::string& failure) {
   print(json);
 }
 
-/// Of the first gate that fails; empty when none does.
+/// The message of the first gate that fails; empty when none does.
 std::string failure_text(const std::vector<QualityPage::Gate>& gates, const std::string& file) {
   for (const auto& gate : gates) {
     if (gate.failed) return file + ": " + to_text({gate.condition, gate.value});

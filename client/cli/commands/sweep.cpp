@@ -63,7 +63,7 @@ struct SweepReport {
   std::map<std::string, std::vector<std::string>> doubtful;  ///< and of bad ones, what would have made them so
   std::map<std::string, std::vector<std::string>> gate;      ///< gates that failed
   std::map<std::string, std::vector<std::string>> warnings;
-  /// Of the results whose errors are known: the largest one relative to the motion, and whose it is; empty if none is.
+  /// The largest error of the results whose errors are known, relative to the motion, and whose it is; empty if none is.
   struct WorstError {
     std::string name;
     double estimated_error = 0, relative_error = 0;
@@ -393,7 +393,7 @@ DesignTable checked_designs(const SweepOptions& options, const v1::Setup& setup)
 
 ExitCode run_sweep(const SweepOptions& options, const CommonOptions& common) {
   {
-    // A server that is not there at all is told at once.
+    // A server that is not there at all is reported at once.
     Connection first(common);
     first.client().server_info(first.call());
   }

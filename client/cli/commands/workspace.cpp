@@ -25,12 +25,12 @@ double seconds_since(std::chrono::steady_clock::time_point start) {
 
 /// Says once in a while what a call waits for.
 client::ClientOptions telling(client::ClientOptions options) {
-  const auto told = std::make_shared<std::atomic<std::int64_t>>(0);
-  options.on_wait = [told](const Error& error) {
+  const auto last_warning = std::make_shared<std::atomic<std::int64_t>>(0);
+  options.on_wait = [last_warning](const Error& error) {
     const auto now =
         std::chrono::duration_cast<std::chrono::seconds>(std::chrono::steady_clock::now().time_since_epoch()).count();
-    std::int64_t last = told->load();
-    if ((last != 0 && now - last < seconds_between_warnings) || !told->compare_exchange_strong(last, now)) return;
+    std::int64_t last = last_warning->load();
+    if ((last != 0 && now - last < seconds_between_warnings) || !last_warning->compare_exchange_strong(last, now)) return;
     warn("waiting for the server: " + std::string(error.what()));
   };
   return options;
@@ -97,7 +97,7 @@ void read_source(LoadedSetup& loaded, const std::filesystem::path& path, const P
 void add_turn_normals(CLI::App& command, PrepareInput& input) {
   command.add_flag(
       "--turn-normals", input.turn_normals,
-      "Of OBJ files: write vertex normals turned with their faces (those of STL facets are, always); else they stay");
+      "For OBJ files: write vertex normals turned with their faces (those of STL facets are, always); else they stay");
 }
 
 LoadedSetup load_setup(Connection& connection, const PrepareInput& input, Progress& progress) {
@@ -185,7 +185,7 @@ void OutputOptions::add_to(CLI::App& command) {
       ->capture_default_str();
   command
       .add_option("--solver-tolerance", solver_tolerance,
-                  "Of setups with solver ITERATIVE or INCREMENTAL_QR: another tolerance for these designs, as a fraction of the "
+                  "For setups with solver ITERATIVE or INCREMENTAL_QR: another tolerance for these designs, as a fraction of the "
                   "bounding-box diagonal; 0: that of the setup")
       ->check(CLI::Range(0.0, 1e-2))
       ->capture_default_str();

@@ -96,7 +96,7 @@ struct OutputOptions {
   /// With an encoding in the place of "automatic": the one that the client takes for its server. Files are to hold what was
   /// computed, so one that rounds gets 1e-9 of the diagonal where no tolerance was given.
   OutputOptions named(const client::Client& client, const v1::SystemInfo& system) const;
-  /// Of named() options.
+  /// Sets the output of a request; the options are those that named() gave.
   void set(v1::DeformRequest& request) const;
   /// What of it determines the points before they are encoded; empty by default.
   std::string identity() const;

@@ -64,7 +64,7 @@ struct MethodComparison {
   std::vector<ComparedMethod> methods;
 };
 
-/// Of a volume mesh the faces of patches without a face that a handle holds, which would hide the others: f marks. None of a
+/// Marks (f) the faces of a volume mesh whose patches have no face that a handle holds, which would hide the others. None of a
 /// surface, or where no patch would be left.
 std::vector<char> faces_without_handles(const v1::Setup& setup, const Mesh& mesh);
 

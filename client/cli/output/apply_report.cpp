@@ -7,6 +7,7 @@
 #include "client/cli/output/error_json.h"
 #include "client/cli/output/format.h"
 #include "core/base/text.h"
+#include "proto/convert/method_traits.h"
 
 namespace deform::cli {
 
@@ -48,7 +49,8 @@ void print_residual(const Applied& applied, std::ostream& out) {
   const bool cage = applied.method.has_cage();
   const bool controls = cage ? applied.method.cage().control() != v1::MESH : applied.method.ffd().control() == v1::CONTROLS;
   if (controls) return;  // they go where they are sent
-  out << (cage || applied.method.has_ffd() ? "  misfit at handle and fixed points " : "  misfit at the centres ")
+  out << (convert::method_features(applied.method).control_points ? "  misfit at handle and fixed points "
+                                                                  : "  misfit at the centres ")
       << number_text(applied.result.interpolation_residual()) << '\n';
 }
 

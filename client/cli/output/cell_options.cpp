@@ -34,7 +34,7 @@ void CellOptions::add_to(CLI::App& command) {
   command
       .add_option(
           "--margin", margin,
-          "Of --split: least scaled Jacobian (of polyhedral cells least cosine of a pyramid) that cells shall keep, below 1")
+          "For --split: least scaled Jacobian (of polyhedral cells least cosine of a pyramid) that cells shall keep, below 1")
       ->check(CLI::Range(0.0, 1.0))
       ->capture_default_str();
 }

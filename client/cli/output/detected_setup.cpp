@@ -12,6 +12,7 @@
 #include "client/cli/setup/region_points.h"
 #include "core/base/text.h"
 #include "core/io/mesh_file.h"
+#include "proto/convert/method_traits.h"
 
 namespace deform::cli {
 
@@ -230,9 +231,9 @@ std::string continued_text(const std::filesystem::path& path) {
   }
   if (setup.then_size() > 0) refuse("then: a setup with several methods takes no constraints; detect the mesh file");
   if (!is_block_map(text)) refuse("constraints can only be added to a setup in block style; detect the mesh file");
-  const auto method = setup.method().kind_case();
-  if (method == v1::Method::KIND_NOT_SET || method == v1::Method::kRbf) {
-    refuse("method: rbf takes no constraints; choose {mls: {}}, {shell: {}}, {subspace: {}} or {ffd: {}}");
+  if (!convert::method_features(setup.method()).constraints) {
+    refuse("method: " + convert::method_name(setup.method()) +
+           " takes no constraints; choose {mls: {}}, {shell: {}}, {subspace: {}} or {ffd: {}}");
   }
   return text;
 }

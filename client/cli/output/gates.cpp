@@ -94,9 +94,9 @@ namespace {
 
 /// How many reasons are for the verdict: all of a server that does not say.
 int reasons_of_verdict(const v1::DesignResult& result) {
-  const auto told = result.reasons_of_verdict();
-  return told > 0 ? static_cast<int>(std::min<std::uint32_t>(told, static_cast<std::uint32_t>(result.reasons_size())))
-                  : result.reasons_size();
+  const auto count = result.reasons_of_verdict();
+  return count > 0 ? static_cast<int>(std::min<std::uint32_t>(count, static_cast<std::uint32_t>(result.reasons_size())))
+                   : result.reasons_size();
 }
 
 }  // namespace

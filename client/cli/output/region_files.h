@@ -25,7 +25,7 @@ struct LegendEntry {
   io::Colour colour{};
   std::size_t points = 0, centres = 0;
 };
-/// Of the regions by their values, free first; then of the constraints in order, from 1.
+/// The entries of the regions by their values, free first; then those of the constraints in order, from 1.
 std::vector<LegendEntry> legend(const RegionPicture& picture);
 
 /// "#e69f00".

@@ -81,7 +81,7 @@ std::string state_text(const v1::CallInfo& call) {
   return lower_case(name);
 }
 
-/// Of an id, or what else a client wrote.
+/// The beginning of an id, or of what else a client wrote.
 std::string short_id(const std::string& id) { return printable(id.substr(0, 16)); }
 
 std::string dash_for_none(const std::string& text) { return text.empty() ? "-" : text; }
@@ -240,10 +240,10 @@ void add_admin_command(CLI::App& app, const CommonOptions& common, Action& chose
           "longer),\n"
           "preparing (its system), running. HOLDS: bytes charged for this call alone. COST: its work as the queue counts it, in\n"
           "points. A request of a stream has the id of the stream's call and its number behind the method.");
-  auto* cancel = add_verb(*group, "cancel", "End a call; its client is told, and does not repeat it", common, chosen,
+  auto* cancel = add_verb(*group, "cancel", "End a call; its client gets an error, and does not repeat it", common, chosen,
                           [options](AdminConnection& server) { return cancel_call(server, options->call, options->reason); });
-  cancel->add_option("ID", options->call, "Of the call, as deform admin calls shows it")->required();
-  cancel->add_option("--reason", options->reason, "What its client is told besides");
+  cancel->add_option("ID", options->call, "Number of the call, as deform admin calls shows it")->required();
+  cancel->add_option("--reason", options->reason, "Text that is added to the error of its client");
   add_verb(*group, "drain", "Refuse new work, so that clients go to another server; what runs is finished", common, chosen,
            drain);
   add_verb(*group, "undrain", "Take work again", common, chosen, undrain);

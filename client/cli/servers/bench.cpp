@@ -216,7 +216,7 @@ void add_bench_command(CLI::App& app, const CommonOptions& common, Action& chose
       ->check(CLI::Range(1, 10000))
       ->capture_default_str();
   command->add_option("--designs", options->designs, "Designs in total")->check(CLI::Range(1, 10000000))->capture_default_str();
-  command->add_option("--seed", options->seed, "Of the random designs")->capture_default_str();
+  command->add_option("--seed", options->seed, "Seed of the random designs")->capture_default_str();
   options->encoding.add_to(*command);
   command->footer(
       "Designs are random within the bounds of the variables (+-0.01 where there are none).\n"

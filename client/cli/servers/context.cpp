@@ -40,7 +40,7 @@ client::Contexts contexts_of_user() {
   return client::read_contexts(file);
 }
 
-/// Whole or not at all, and for nobody else to read.
+/// Written whole or not at all, and readable by its owner only.
 void write_contexts(const client::Contexts& contexts) {
   std::error_code failure;
   const auto folder = std::filesystem::absolute(contexts.file).parent_path();
@@ -133,7 +133,7 @@ void add_verb(CLI::App& group, const char* verb, const char* help, const CommonO
               std::function<ExitCode(const std::string&, const CommonOptions&)> run) {
   auto name = std::make_shared<std::string>();
   auto* command = group.add_subcommand(verb, help);
-  command->add_option("NAME", *name, "Of the context")->required();
+  command->add_option("NAME", *name, "Name of the context")->required();
   command->callback(
       [name, &common, &chosen, run = std::move(run)] { chosen = [name, &common, run] { return run(*name, common); }; });
 }

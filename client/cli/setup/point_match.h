@@ -16,7 +16,7 @@ namespace deform::cli {
 /// Finds points by their place. Immutable.
 class PointMatch {
  public:
-  /// Of `points` those with these ids; tolerance > 0, model units. Views both.
+  /// Matches those of `points` that have these ids; tolerance > 0, model units. Views both.
   PointMatch(std::span<const Vec3> points, std::span<const PointId> ids, double tolerance);
 
   /// Index into ids of the nearest point at most `tolerance` away that is not taken (one entry per id); of several equally near

@@ -27,8 +27,8 @@ class PrescribedPlaces {
   /// Selects the points. The mesh must outlive the object. Throws Error(invalid_argument) as select() does.
   PrescribedPlaces(const v1::Setup& setup, const Mesh& mesh);
 
-  /// Of the points of all handles and fixed regions, when they have come to `points` (n) by variables (one value each). All zero
-  /// without any. Throws as handle_motion().
+  /// The misfit of the points of all handles and fixed regions when all points are at `points` (n), for variables (one value
+  /// each). Zero without any. Throws as handle_motion().
   Misfit misfit(std::span<const double> values, std::span<const Vec3> points) const;
 
  private:

@@ -14,7 +14,7 @@ namespace deform::cli {
 /// its method.
 std::vector<PointId> handle_points(const v1::Setup& setup, const std::string& handle, const Mesh& mesh);
 
-/// The regions of a setup that nobody has accepted yet, and all that is wrong with them.
+/// The regions of a setup that no server has accepted yet, and all that is wrong with them.
 struct ResolvedRegions {
   static constexpr std::uint32_t free = 0, fixed = 1, first_handle = 2;
   struct Constraint {

@@ -53,7 +53,7 @@ SchemaJson names_schema(const google::protobuf::EnumDescriptor& type) {
   return {{"enum", names}};
 }
 
-/// Of one value.
+/// The schema of one value.
 SchemaJson value_schema(const FieldDescriptor& field) {
   switch (field.cpp_type()) {
     case FieldDescriptor::CPPTYPE_MESSAGE:

@@ -22,7 +22,7 @@ struct ResultVerdicts {
   std::vector<std::string> warnings = {};    ///< what is striking about it, a sentence each
   /// How much of the motion it has made where a split did not arrive: final, but not the design that was asked for.
   std::optional<double> reached = {};
-  /// Of the points, and as a fraction of the largest displacement; unknown of results of earlier versions.
+  /// The error of the points, and as a fraction of the largest displacement; unknown of results of earlier versions.
   std::optional<double> estimated_error = {}, relative_error = {};
 };
 
@@ -36,7 +36,7 @@ struct SweepFailure {
 
 /// One finished result.
 struct ManifestEntry {
-  /// Of archives: which file holds it. In folders always result.
+  /// The file of an archive that holds it. In folders always result.
   enum class Place {
     result,  ///< ARCHIVE
     part,    ///< ARCHIVE.part
@@ -67,7 +67,7 @@ class Manifest {
   const std::vector<ManifestEntry>& next() const { return next_; }
   /// Designs without a result, and why.
   const std::map<std::string, SweepFailure>& failed() const { return failed_; }
-  /// Of a design with this hash.
+  /// The failure of a design with this hash.
   std::optional<SweepFailure> find_failure(const std::string& name, const std::string& hash) const;
   /// A file that was being replaced when its entry ended: it is ours, but may be the old or the new one.
   bool is_being_written(const std::string& file) const { return writing_.contains(file); }

@@ -38,7 +38,7 @@ class FaceCheck {
   std::size_t points() const { return mesh_->point_count(); }
   std::size_t faces() const { return flips_.face_count(); }
 
-  /// Of each design the number of flipped faces, or nothing where its points are not finite, which is how designs that could not
+  /// The number of flipped faces of each design, or nothing where its points are not finite, which is how designs that could not
   /// be evaluated are kept. points: m x n x 3.
   template <typename T>
   std::vector<std::optional<std::size_t>> flipped(std::span<const T> points, int threads) const {

@@ -30,7 +30,7 @@ class Client:
     max_attempts: of a call that is safe to repeat, while the server cannot be reached or asks to come back later; twice as many with `replicas`.
     patience: seconds, from the first failure of a call, for which attempts go on beyond max_attempts while no server can be reached, or it refuses
       and says when to come back. Unless given 30 once this client has had an answer, so that a restart of the server ends nothing, and 0 before, so
-      that a wrong address is told at once.
+      that a wrong address is an error at once.
     threads: for decoding; 0: all cores.
     encoding: of points, "RAW_F64", "RAW_F32", "DRACO" or "DELTA_ZSTD"; unless given RAW_F64 for a server on this machine, else DELTA_ZSTD.
 
@@ -106,7 +106,7 @@ class Client:
 
     @property
     def encoding(self) -> str:
-        """Of points, where a call names none."""
+        """The encoding of points, where a call names none."""
         return self._native.encoding
 
     # ---- geometries ----

@@ -62,12 +62,12 @@ class CompiledDeformation(DesignSpace):
 
     @property
     def notes(self) -> Tuple[str, ...]:
-        """Of the system, one sentence each, for people."""
+        """The notes on the system, one sentence each, for people."""
         return tuple(self._native.notes)
 
     @property
     def diagonal(self) -> float:
-        """Of the bounding box of the mesh, model units."""
+        """The diagonal of the bounding box of the mesh, model units."""
         return self._native.diagonal
 
     @property

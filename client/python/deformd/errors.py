@@ -12,7 +12,7 @@ class Error(Exception):
     """
 
     code: str = "internal"
-    """Of what kind: "invalid_argument", "not_found", ..."""
+    """The kind of the error: "invalid_argument", "not_found", ..."""
 
     def __init__(self, message: str, field: str = "", retry_after: Optional[float] = None) -> None:
         super().__init__(message)
@@ -62,7 +62,7 @@ class FailedPrecondition(Error):
 
 
 class Unauthenticated(Error, PermissionError):
-    """The server asks who calls, and was not told or does not know the caller."""
+    """The server requires an identity, and the call has none or an unknown one."""
 
     code = "unauthenticated"
 
@@ -132,7 +132,7 @@ class BadDesign(Error):
 
 
 class BadDesignWarning(UserWarning):
-    """Told instead of BadDesign with `bad="warn"`."""
+    """The warning in place of BadDesign with `bad="warn"`."""
 
 
 _CLASSES: Dict[str, Type[Error]] = {

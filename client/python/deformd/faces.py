@@ -25,12 +25,12 @@ class FaceCheck:
 
     @property
     def points(self) -> int:
-        """Of the mesh."""
+        """The number of points of the mesh."""
         return self._native.points
 
     @property
     def faces(self) -> int:
-        """Of the mesh."""
+        """The number of faces of the mesh."""
         return self._native.faces
 
     def flipped(self, points: Any, *, threads: int = 1) -> "List[Optional[int]]":
@@ -60,12 +60,12 @@ class CellCheck:
 
     @property
     def points(self) -> int:
-        """Of the mesh."""
+        """The number of points of the mesh."""
         return self._native.points
 
     @property
     def cells(self) -> int:
-        """Of the mesh."""
+        """The number of cells of the mesh."""
         return self._native.cells
 
     def inverted(self, points: Any, *, threads: int = 1) -> int:

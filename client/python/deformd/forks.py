@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Processes that os.fork() makes beside a connection. gRPC has threads and locks there that the child lacks, or would wait for: whatever it
-is asked for crashes or hangs. So the child is told, and what it has of its parent's connections stays as it is."""
+is asked for crashes or hangs. So the child raises an error, and what it has of its parent's connections stays as it is."""
 
 import os
 import weakref

@@ -45,7 +45,7 @@ class Geometry:
 
     @property
     def groups(self) -> Dict[str, "Tuple[np.ndarray, np.ndarray]"]:
-        """Of each named group the ids of its points and of its faces. Only of geometries that were registered by this client."""
+        """The ids of the points and of the faces of each named group. Only of geometries that were registered by this client."""
         return self._need_mesh("groups").groups
 
     def write(self, path: Union[str, "os.PathLike[str]"], points: Any, *, overwrite_source: bool = False) -> None:

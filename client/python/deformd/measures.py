@@ -41,12 +41,12 @@ class Least(NamedTuple):
     at: Tuple[float, float, float]
     """The place of the sample."""
     index: int
-    """Of `Thickness` the id of its face, of `Clearance` that of its point."""
+    """For `Thickness` the id of its face, for `Clearance` that of its point."""
     tolerance: float
     samples: int
     """How many have a value."""
     covering: float
-    """Of `Clearance`: no place of the faces is farther than this from a sample, so the faces themselves keep at least `value` minus this. 0 of
+    """For `Clearance`: no place of the faces is farther than this from a sample, so the faces themselves keep at least `value` minus this. 0 of
     `Thickness`."""
 
 
@@ -204,11 +204,11 @@ class Filtered(NamedTuple):
     """A filtered field and how well its equations were solved."""
 
     field: np.ndarray
-    """Of the shape of the given one."""
+    """The filtered field, of the shape of the given one."""
     residual: float
     """|b - A g| / |b|, measured; the largest of all components."""
     iterations: int
-    """Of all components."""
+    """The sum over all components."""
     converged: bool
 
 

@@ -21,7 +21,7 @@ from .reports import CompiledReport, Report
 from .system import System
 
 STEP = 1e-4
-"""Of differences, in parts of the bounds: rounding of the points is far below, and the curvature of a measure above it."""
+"""The step of differences, in parts of the bounds: rounding of the points is far below, and the curvature of a measure above it."""
 _BATCH = 2**26
 """Bytes of points that differences have in memory at a time."""
 
@@ -34,7 +34,7 @@ class Row(NamedTuple):
     """For people."""
     value: float
     id: Optional[int]
-    """Of the point, face, cell or element with this value; None of sums, averages and counts."""
+    """The id of the point, face, cell or element with this value; None of sums, averages and counts."""
     in_table: bool
     """Whether `deform quality` prints it; the others are in its JSON only."""
 
@@ -58,7 +58,7 @@ class Quality:
 
     @property
     def names(self) -> Tuple[str, ...]:
-        """Of the measures of this mesh."""
+        """The names of the measures of this mesh."""
         return tuple(name for name, _ in self._native.names)
 
     def check(self, name: str) -> None:
@@ -126,7 +126,7 @@ class QualityConstraints:
         return np.array([violation(values[name], side, limit) for name, side, limit in self.limits])
 
     def gradients(self, system: Any, x: Any) -> np.ndarray:
-        """Of the violations with respect to the variables, (limits, k), by differences. Raises InvalidArgument for limits of counts."""
+        """The derivatives of the violations by the variables, (limits, k), by differences. Raises InvalidArgument for limits of counts."""
         slopes = differences(system, x, self.quality, self.names)
         return np.array([(1 if side == "max" else -1) * slopes[name] / (abs(limit) or 1.0) for name, side, limit in self.limits])
 
@@ -135,7 +135,7 @@ _QUALITY_NAMES = dict(_deformd.quality_names())
 REPORT_MEASURES = dict(_deformd.design_measures())
 """What reports on designs have for gates and constraints: name -> whether it counts."""
 NAMES = {**_QUALITY_NAMES, **REPORT_MEASURES}
-"""Of all measures that some mesh or report has: name -> whether it counts something, so that it has no slope."""
+"""All measures that some mesh or report has: name -> whether it counts something, so that it has no slope."""
 
 
 def report_measure(name: str, report: Any) -> Optional[float]:

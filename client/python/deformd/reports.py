@@ -12,7 +12,7 @@ from .errors import BadDesign, BadDesignWarning, Error, InvalidArgument
 
 _VERDICTS = {"VERDICT_GOOD": "good", "VERDICT_DOUBTFUL": "doubtful", "VERDICT_BAD": "bad"}
 
-# Of the verdict of the server: fractions of the largest displacement, and of the diagonal (of that of most points where some have strayed).
+# The limits of the verdict of the server: fractions of the largest displacement, and of the diagonal (of that of most points where some have strayed).
 _BAD_ERROR = 1e-3
 _LEAST_MOTION = 1e-4  # of D: errors of smaller motions are judged as if they were so large
 _NEGLIGIBLE_ERROR = 1e-12
@@ -52,7 +52,7 @@ class Report:
 
     @property
     def reasons(self) -> Tuple[str, ...]:
-        """Of a verdict that is not good, or the error: one sentence each, for people; those for the worst verdict first."""
+        """The reasons of a verdict that is not good, or the error: one sentence each, for people; those for the worst verdict first."""
         if self._record is None:
             return (str(self._error),)
         return tuple(self._record.reasons)
@@ -76,8 +76,8 @@ class Report:
         return sorted({"error", "verdict", "bad", "reasons", "to_dict", *(dir(self._record) if self._record is not None else ())})
 
     def __repr__(self) -> str:
-        told = "; ".join(self.reasons)
-        return f"<Report: {self.verdict}{': ' if told else ''}{told}>"
+        reasons = "; ".join(self.reasons)
+        return f"<Report: {self.verdict}{': ' if reasons else ''}{reasons}>"
 
     def __reduce__(self) -> Any:
         return Report, (self._record, self._error)
@@ -126,7 +126,7 @@ class CompiledReport:
 
     @property
     def flipped_faces(self) -> Optional[int]:
-        """The number of faces that are folded over, which the server calls doubtful; None where nobody looked."""
+        """The number of faces that are folded over, which the server calls doubtful; None where that was not checked."""
         return self._flipped_faces
 
     @property
@@ -158,17 +158,17 @@ class CompiledReport:
             return (str(self._error),)
         if not math.isfinite(self.max_displacement) or not math.isfinite(self.estimated_error):
             return ("points are not finite",)
-        told = []
+        reasons = []
         if not self.converged:
-            told.append(f"the solver did not reach its tolerance: the estimated error is {self.estimated_error:.3g}")
+            reasons.append(f"the solver did not reach its tolerance: the estimated error is {self.estimated_error:.3g}")
         motion = max(self.max_displacement, _LEAST_MOTION * self._diagonal)
         if self.estimated_error > max(_BAD_ERROR * motion, _NEGLIGIBLE_ERROR * self._diagonal):
-            told.append(f"the estimated error is {self.estimated_error:.3g}, {self.relative_error:.3g} of the largest displacement")
+            reasons.append(f"the estimated error is {self.estimated_error:.3g}, {self.relative_error:.3g} of the largest displacement")
         farthest = max(self.max_displacement, self.prescribed_displacement)
         if self._diagonal > 0 and farthest / self._diagonal > _OUT_OF_REACH:
-            told.append(f"points move by up to {farthest / self._diagonal:.3g} times the diagonal of the model, where the rounding of coordinates "
-                        "destroys its shape; are the variables in its units?")
-        return tuple(told)
+            reasons.append(f"points move by up to {farthest / self._diagonal:.3g} times the diagonal of the model, where the rounding of coordinates "
+                           "destroys its shape; are the variables in its units?")
+        return tuple(reasons)
 
     @property
     def bad(self) -> bool:
@@ -248,8 +248,8 @@ def raise_or_warn(deformation: Union[Deformation, Population], bad: str) -> None
     if not wrong:
         return
     first = next((report.error for _, report in wrong if report.error is not None), None)
-    told = [f"{name}: {'; '.join(_reasons_of_bad(report)) or 'the verdict is bad'}" for name, report in wrong[:3]]
-    message = (f"{len(wrong)} bad designs: " if len(wrong) > 1 else "") + ". ".join(told) + (f", and {len(wrong) - 3} more" if len(wrong) > 3 else "")
+    texts = [f"{name}: {'; '.join(_reasons_of_bad(report)) or 'the verdict is bad'}" for name, report in wrong[:3]]
+    message = (f"{len(wrong)} bad designs: " if len(wrong) > 1 else "") + ". ".join(texts) + (f", and {len(wrong) - 3} more" if len(wrong) > 3 else "")
     if bad == "warn":
         warnings.warn(message, BadDesignWarning, stacklevel=3)
         return

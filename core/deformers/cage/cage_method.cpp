@@ -46,7 +46,7 @@ Estimate estimate_controls(const CageOptions& options, const Mesh& mesh, const S
   return estimate;
 }
 
-/// Of a half model that is deformed with its images, the points that are not images; else 0.
+/// The number of points of a half model that is deformed with its images, without these; else 0.
 std::size_t model_points(const Setup& setup) { return setup.images ? setup.images->points() : 0; }
 
 Estimate estimate_mesh(const CageOptions& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions) {

@@ -15,7 +15,8 @@ namespace deform {
 struct CageMethod {
   using Options = CageOptions;
   static constexpr std::string_view name = "cage";
-  static constexpr MethodFeatures features{.symmetry = false, .constraints = false};
+  static constexpr MethodFeatures features{.control_points = true};
+  static std::vector<OptionRegion> regions(CageOptions&) { return {}; }
   static void validate(const CageOptions& options, const Setup& setup, const Mesh& mesh);
   static bool selects_controls(const CageOptions& options) { return options.control == CageControl::controls; }
   static ControlSet controls(const CageOptions& options, const Mesh&, const Symmetry&) { return {options.vertices.size()}; }

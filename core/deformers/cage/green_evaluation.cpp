@@ -93,8 +93,8 @@ void GreenEvaluation::direct_tile(std::size_t tile, std::size_t first, std::size
   }
 }
 
-SpaceMap::Told GreenEvaluation::displacements_at(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
-                                                 const RunContext& context) const {
+SpaceMap::Found GreenEvaluation::displacements_at(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
+                                                  const RunContext& context) const {
   parallel_for(context, points.size(), green_places_per_task, [&](std::size_t begin, std::size_t end) {
     GreenSystem::Scratch scratch;
     scratch.values.resize(system_.columns_.size() * tile_size);

@@ -25,8 +25,8 @@ class GreenEvaluation : public HandleEvaluation {
   void set_vertices(std::size_t design, std::span<const Vec3> displacements);
   void set_rows(std::size_t first, std::size_t design, const Vec3& value);
   void find_moving_rows();
-  SpaceMap::Told displacements_at(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
-                                  const RunContext& context) const override;
+  SpaceMap::Found displacements_at(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
+                                   const RunContext& context) const override;
   void direct_tile(std::size_t tile, std::size_t first, std::size_t count, double* values) const override;
 
   const GreenSystem& system_;

@@ -27,7 +27,7 @@ class GreenColumns {
   GreenColumns(const WholeCage& whole, const ControlSources& sources, const Symmetry& symmetry);
 
   const std::vector<std::uint32_t>& vertices() const { return vertices_; }  ///< of the setup's cage, ascending
-  /// Of the whole cage, the images 0, ascending.
+  /// The triangles of the whole cage that are images 0, ascending.
   const std::vector<std::uint32_t>& triangles() const { return triangles_; }
   const std::vector<ComponentPart>& parts() const { return parts_; }
   std::size_t size() const { return parts_.size() * (vertices_.size() + triangles_.size()); }

@@ -19,7 +19,7 @@ namespace deform {
 /// for those that no other face has.
 struct WholeCage {
   Cage cage;
-  /// Of each vertex of `cage` the vertex of the setup's cage and the image of it that it is, see Symmetry::image().
+  /// For each vertex of `cage` the vertex of the setup's cage and the image of it that it is, see Symmetry::image().
   std::vector<ControlSources::Source> vertices;
   /// The same of each triangle; image 0 of each that is left is one of them.
   std::vector<ControlSources::Source> triangles;

@@ -26,17 +26,17 @@ std::optional<DesignVariable> on_handles(const DesignVariable& variable, const s
   return result;
 }
 
-/// The samples of an RBF for its own variables. Those that do not move its handles say nothing about it.
+/// The samples of a method for its own variables. Those that do not move its handles say nothing about it.
 void reduce_samples(StageSetup& stage, std::size_t all) {
-  auto* rbf = std::get_if<RbfOptions>(&stage.setup.method);
-  if (rbf == nullptr) return;
+  auto* const samples = samples_of(stage.setup.method);
+  if (samples == nullptr) return;
   std::vector<std::vector<double>> reduced;
-  for (const std::vector<double>& sample : rbf->samples) {
+  for (const std::vector<double>& sample : *samples) {
     if (sample.size() != all) return;  // which is refused
     std::vector<double> own = stage.own(sample);
     if (std::any_of(own.begin(), own.end(), [](double value) { return value != 0; })) reduced.push_back(std::move(own));
   }
-  rbf->samples = std::move(reduced);
+  *samples = std::move(reduced);
 }
 
 /// A message about a stage that names a field of its setup, or its prefix before one that does not.

@@ -149,17 +149,17 @@ class ComposedMap : public SpaceMap {
       : system_(std::move(system)), maps_(std::move(maps)), report_(std::move(report)) {}
 
   const DesignReport& report() const override { return report_; }
-  Told evaluate(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
-                const RunContext& context) const override {
-    Told told = maps_[0]->evaluate(points, first, out, context);
+  Found evaluate(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
+                 const RunContext& context) const override {
+    Found found = maps_[0]->evaluate(points, first, out, context);
     std::vector<Vec3> to(points.size());
     for (std::size_t s = 1; s < maps_.size(); ++s) {
-      const Told own = maps_[s]->evaluate(points, first, to, context);
-      told.still = std::max(told.still, own.still);
-      told.sums_error += own.sums_error;
+      const Found own = maps_[s]->evaluate(points, first, to, context);
+      found.still = std::max(found.still, own.still);
+      found.sums_error += own.sums_error;
       for (std::size_t i = 0; i < points.size(); ++i) out[i] = out[i] + (to[i] - points[i]);
     }
-    return told;
+    return found;
   }
 
  private:

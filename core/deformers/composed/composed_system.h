@@ -84,7 +84,7 @@ class ComposedSystem : public System {
   void find_near_points(std::size_t stage, const ControlPlaces& control_places);
   /// Binds the first `stages` methods.
   Bound bind_stages(std::span<const Design> designs, std::size_t stages, EvaluationPath path, const RunContext& context) const;
-  /// Of one design for one method; of those before it they are bound.
+  /// The design of one method; the methods before it are bound.
   Design stage_design(const Design& design, std::size_t index, std::size_t stage, const Bound& before, EvaluationPath path,
                       const RunContext& context) const;
   std::vector<Affine> checked_maps(const Design& design, std::size_t index) const;

@@ -87,7 +87,7 @@ std::size_t newton_bytes(const Counts& counts, NewtonForm form) {
   return linear + J * (grown + 3 * form_entry_bytes) + std::min(assembled, factor + counts.most_assembly);
 }
 
-/// Of one design.
+/// The seconds of one design.
 double design_seconds(const Counts& counts, NewtonForm form, double operations) {
   const auto step_bytes = static_cast<double>(counts.global_step.factor_bytes), entries = static_cast<double>(counts.phi);
   const auto rows = static_cast<double>(counts.newton.rows), full = static_cast<double>(counts.full);
@@ -139,7 +139,7 @@ ConstrainedBytes larger(const ConstrainedBytes& a, const ConstrainedBytes& b) {
           std::max(a.operations, b.operations), std::max(a.seconds, b.seconds),     design};
 }
 
-/// Of points that follow dense rows.
+/// The numbers of points that follow dense rows.
 struct DenseCounts {
   std::size_t points = 0, reaching = 0, functions = 0;  ///< u, functions that are nonzero at points of sets or held points, k
   SparseCholesky::Estimate factor;                      ///< of all functions

@@ -17,8 +17,8 @@ struct ConstrainedBytes {
   std::size_t working = 0;    ///< for one design or derivative, with a Newton step
   double operations = 0;      ///< floating-point operations of the factorizations
   double seconds = 0;         ///< besides these operations
-  /// Of the solution of one design, besides solutions with the factor of the EnergySolver. Rough: the iterations are those that
-  /// designs mostly take.
+  /// Seconds for the solution of one design, besides solutions with the factor of the EnergySolver. Rough: the iterations are
+  /// those that designs mostly take.
   double design_seconds = 0;
 };
 

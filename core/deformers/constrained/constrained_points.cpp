@@ -31,7 +31,7 @@ std::vector<std::int64_t> functions_reaching(const FunctionRows& values, const s
 
 namespace {
 
-/// Of each of k functions its place among those of the energy, or -1; without one those places themselves.
+/// For each of k functions its place among those of the energy, or -1; without one those places themselves.
 std::vector<std::int64_t> places_of(std::int64_t functions, const ReducedEnergy* energy) {
   std::vector<std::int64_t> place(static_cast<std::size_t>(functions), -1);
   const auto count = energy != nullptr ? static_cast<std::int64_t>(energy->size()) : functions;

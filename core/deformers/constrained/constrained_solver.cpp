@@ -22,7 +22,7 @@ constexpr int most_gradient_steps = 1000;
 constexpr int most_steps = 30, most_halvings = 10, most_steps_of_a_design = 100;
 constexpr int most_refits = 8;
 constexpr double rounding_of_objective = 1e-13;      // of its size
-constexpr double nearest_error = 1e-11;              // that is told
+constexpr double nearest_error = 1e-11;              // that is reported
 constexpr int most_idle = 300, most_idle_steps = 3;  // iterations and Newton steps that come no nearer
 constexpr double as_converged = 1e-7;                // error from which the alternation may end at rounding
 constexpr double whole_accuracy = 1e-11;             // of the right-hand side, of derivatives

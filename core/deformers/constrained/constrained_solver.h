@@ -129,7 +129,7 @@ class ConstrainedSolver {
     const RunContext& context;
   };
 
-  /// Of a Newton step.
+  /// The direction of a Newton step.
   struct Direction {
     Eigen::MatrixXd v;
     GradientsEnd end = GradientsEnd::converged;  ///< how it was solved for

@@ -46,8 +46,8 @@ std::size_t sparse_bytes(const SparseRows& matrix) { return bytes_of(matrix); }
 
 Eigen::VectorXd multiplier_weights(const SparseMatrix& energy, const SparseMatrix& transposed, const Eigen::VectorXd& shares,
                                    TouchedFunctions rule) {
-  // Of the largest: splines reach points on the planes between their spans with 0 or with the cube of a rounding, and coordinates
-  // across a plane of points are 0 or a rounding.
+  // As a fraction of the largest: splines reach points on the planes between their spans with 0 or with the cube of a rounding,
+  // and coordinates across a plane of points are 0 or a rounding.
   constexpr double negligible = 1e-20;
   Eigen::VectorXd squares = Eigen::VectorXd::Zero(energy.rows());
   for (std::int64_t c = 0; c < transposed.outerSize(); ++c) {

@@ -34,7 +34,7 @@ constexpr double dense_rate = 2e10;      // of a dense one
 // extended precision, of a distance between held points, of a value of the correction's kernel and of a term of its sums.
 constexpr double per_square = 6e-9, per_value = 2e-9, per_long_value = 5e-9;
 constexpr double per_distance = 2e-9, per_kernel = 3e-9, per_term = 0.5e-9;
-// Of many functions at once: of a term of such a sum, and of an entry of the inverse that solves for its coefficients.
+// Seconds for many functions at once: of a term of such a sum, and of an entry of the inverse that solves for its coefficients.
 constexpr double per_sum = 0.2e-9, per_centre = 0.8e-10;
 
 std::size_t shell_assembly_bytes(const Mesh& mesh) {

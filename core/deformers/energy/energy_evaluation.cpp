@@ -227,8 +227,8 @@ std::vector<std::pair<PointId, Vec3>> EnergyEvaluation::replaced() const {
 }
 
 /// The sums of EnergySystem::fill_tile(), in its order.
-SpaceMap::Told EnergyEvaluation::displacements_at(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
-                                                  const RunContext& context) const {
+SpaceMap::Found EnergyEvaluation::displacements_at(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
+                                                   const RunContext& context) const {
   const EnergySystem::Solution& solution = solutions_[0];
   const double* const w = solution.field.w.data();
   std::atomic<std::size_t> still = 0;

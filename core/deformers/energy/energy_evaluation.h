@@ -28,8 +28,8 @@ class EnergyEvaluation : public HandleEvaluation {
   void measure_held(const ConstraintSet& set, std::span<const Vec3> x, const ShapeParameters& shape, double prescribed,
                     ConstraintReport& report) const;
   void direct_tile(std::size_t tile, std::size_t first, std::size_t count, double* values) const override;
-  SpaceMap::Told displacements_at(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
-                                  const RunContext& context) const override;
+  SpaceMap::Found displacements_at(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
+                                   const RunContext& context) const override;
   std::vector<std::pair<PointId, Vec3>> replaced() const override;
   /// Replaces the points of exact constraints and of columns of cells.
   void replace_points(std::size_t begin, std::size_t end, std::size_t first, std::span<Vec3* const> out) const override;

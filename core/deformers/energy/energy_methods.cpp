@@ -82,6 +82,14 @@ EnergySpace space_of(const MlsOptions& options, const Mesh& mesh, std::uint64_t 
 
 }  // namespace
 
+std::vector<OptionRegion> MlsMethod::regions(MlsOptions& options) {
+  std::vector<OptionRegion> result;
+  for (std::size_t i = 0; i < options.weights.size(); ++i) {
+    result.push_back({"method.mls.weights[" + std::to_string(i) + "].region", &options.weights[i].region});
+  }
+  return result;
+}
+
 template <typename O>
 void EnergyMethod<O>::validate(const O& options, const Setup&, const Mesh& mesh) {
   check(options, mesh);

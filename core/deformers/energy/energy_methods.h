@@ -16,7 +16,7 @@ namespace deform {
 template <typename O>
 struct EnergyMethod {
   using Options = O;
-  static constexpr MethodFeatures features{.symmetry = false, .constraints = true};
+  static std::vector<OptionRegion> regions(O&) { return {}; }
   static void validate(const O& options, const Setup& setup, const Mesh& mesh);
   /// Energy methods have no centres.
   static std::optional<std::vector<PointId>> known_centres(const O&, const Mesh&, const SelectedRegions&, const RunContext&) {
@@ -37,12 +37,17 @@ extern template struct EnergyMethod<FfdOptions>;
 /// belongs to FfdMethod.
 struct ShellMethod : EnergyMethod<ShellOptions> {
   static constexpr std::string_view name = "shell";
+  static constexpr MethodFeatures features{.constraints = true};
 };
 struct SubspaceMethod : EnergyMethod<SubspaceOptions> {
   static constexpr std::string_view name = "subspace";
+  static constexpr MethodFeatures features{.constraints = true, .sampled = true, .more_of = "centres"};
 };
 struct MlsMethod : EnergyMethod<MlsOptions> {
   static constexpr std::string_view name = "mls";
+  static constexpr MethodFeatures features{.constraints = true, .sampled = true, .more_of = "samples"};
+  /// Those with weights of their own.
+  static std::vector<OptionRegion> regions(MlsOptions& options);
 };
 
 }  // namespace deform

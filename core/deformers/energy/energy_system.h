@@ -88,7 +88,7 @@ class EnergySystem : public HandleSystem {
     return solution.errors[c] + (hard_handles() ? solution.misfits[c] : 0.0);
   }
   void measure_errors(const EnergyField& change, Solution& solution, const RunContext& context) const;
-  /// Of the points of the sets and at samples of the following points, for coefficients w (k x 3).
+  /// The largest one at the points of the sets and at samples of the following points, for coefficients w (k x 3).
   double largest_displacement(const Eigen::MatrixXd& w, const RunContext& context) const;
   Eigen::MatrixXd at_samples(const EnergyField& field) const;
   Solution completed(const Eigen::MatrixXd& h, const Eigen::MatrixXd& w, const RunContext& context) const;
@@ -98,7 +98,7 @@ class EnergySystem : public HandleSystem {
   std::vector<Vec3> offsets_of(const Eigen::MatrixXd& h, const RunContext& context) const;
   /// Where the points of the sets are, set by set, or how they change there; unit coordinates.
   std::vector<Vec3> set_points(const Solution& solution, const BoundDesign& design, MotionKind kind) const;
-  /// Of these those of LayerStep::ids().
+  /// Those of these points that LayerStep::ids() names.
   std::vector<Vec3> layer_points(const std::vector<Vec3>& of_sets) const;
   void prepare_steps(const RunContext& context);
   Constrained constrained_at(std::span<const double> variables, const RunContext& context) const;

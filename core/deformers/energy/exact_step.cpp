@@ -20,7 +20,7 @@ CarrierPlaces carrier_places(const CarrierInput& from) {
   }
   CarrierPlaces result;
   result.places = unit_places(from.mesh, from.box, ids);
-  // Of stored systems rounding decides which centres there are.
+  // In stored systems rounding decides which centres there are.
   const auto order = [&](std::span<const Vec3> places, std::size_t most) {
     return joins ? ResidualCorrection::centres_of(places, most, ResidualCorrection::Kind::gentle)
                  : farthest_point_order(places, most);

@@ -279,7 +279,7 @@ LayerStep::Step LayerStep::derivative(const std::vector<Vec3>& at, const std::ve
 
 std::vector<Vec3> LayerStep::adjoint(const std::vector<Vec3>& at, std::vector<Vec3>& cotangents,
                                      const RunContext& context) const {
-  // Of how far the points are moved, and of their positions after the step.
+  // Derivatives of how far the points are moved, and of their positions after the step.
   std::vector<Vec3> steps(ids_.size(), Vec3{}), y(ids_.size(), Vec3{});
   for (std::size_t s = 0; s < carries_.size(); ++s) {
     for (std::size_t k = 0; k < 2; ++k) {

@@ -14,7 +14,7 @@ namespace deform {
 
 namespace {
 
-/// Of a distance over the radius, at most 1.
+/// Wendland's C2 function of a distance over the radius, at most 1.
 double wendland_c2(double q) {
   const double t = (1 - q) * (1 - q);
   return t * t * (4 * q + 1);
@@ -64,7 +64,7 @@ std::vector<std::uint32_t> ResidualCorrection::centres_of(std::span<const Vec3> 
   return farthest_point_order(places, most, alike, kind == Kind::smooth ? near : 0);
 }
 
-// Of stored systems rounding decides which centres there are.
+// In stored systems rounding decides which centres there are.
 ResidualCorrection::ResidualCorrection(std::span<const Vec3> places, std::size_t most_centres, std::span<const char> bound,
                                        const RunContext& context)
     : ResidualCorrection(

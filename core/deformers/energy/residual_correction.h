@@ -33,7 +33,7 @@ class ResidualCorrection {
   /// grows with the inverse cube of the least distance between centres, and at 1e-6 their solutions have no digits.
   static constexpr double near = 1e-4;
 
-  /// Of each place the share that it has among those that nearly coincide with it, in unit coordinates: 1 over the sum of
+  /// For each place the share that it has among those that nearly coincide with it, in unit coordinates: 1 over the sum of
   /// Wendland's C2 function with the radius `near` of the distances from all places. Places that coincide have equal ones, which
   /// add up to one.
   static Eigen::VectorXd shares_of(std::span<const Vec3> places, const RunContext& context);

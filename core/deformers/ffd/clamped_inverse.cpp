@@ -18,7 +18,7 @@ namespace {
 
 // Below 1e-8 rounding is multiplied to more than 1e-7 of the motion.
 constexpr double candidates_per_decade = 4, first_decade = 1, last_decade = 8;
-// Of the prescribed values: what keeping control points back may cost, and where the L-curve says nothing.
+// Fractions of the prescribed values: what keeping control points back may cost, and where the L-curve says nothing.
 constexpr double negligible_misfit = 1e-6, bearable_misfit = 3e-5;
 // The same if control points then keep within most_motion; less is not worth it.
 constexpr double dear_misfit = 1e-5;
@@ -174,7 +174,7 @@ double ClampedInverse::strengthened(double clamp, const ThinSvd& svd, const Typi
     while (rank < svd.values.size() && svd.values[rank] > candidate * svd.values[0]) ++rank;
     return rank;
   };
-  // Of what a clamp leaves out; the rest no clamp meets.
+  // The misfit of what a clamp leaves out; the rest no clamp meets.
   const auto misfit_of = [&](Eigen::Index rank) {
     const Eigen::Index left = of_fields.rows() - rank;
     return left == 0 ? 0.0 : at_points(svd.U.rightCols(left) * of_fields.bottomRows(left)).rowwise().norm().maxCoeff();

@@ -68,8 +68,8 @@ void DirectEvaluation::direct_tile(std::size_t tile, std::size_t first, std::siz
   for (std::size_t k = 0; k < count; ++k) system_.displace_tile(controls_[first + k], tile, values + 3 * k * tile_size);
 }
 
-SpaceMap::Told DirectEvaluation::displacements_at(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
-                                                  const RunContext& context) const {
+SpaceMap::Found DirectEvaluation::displacements_at(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
+                                                   const RunContext& context) const {
   std::atomic<std::size_t> still = 0;
   const auto* const controls = reinterpret_cast<const Vec3*>(controls_[0].data());
   parallel_for(context, points.size(), direct_places_per_task, [&](std::size_t begin, std::size_t end) {

@@ -20,8 +20,8 @@ class DirectEvaluation : public HandleEvaluation {
   void solve(const RunContext& context);
   void report_controls();
   void direct_tile(std::size_t tile, std::size_t first, std::size_t count, double* values) const override;
-  SpaceMap::Told displacements_at(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
-                                  const RunContext& context) const override;
+  SpaceMap::Found displacements_at(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
+                                   const RunContext& context) const override;
 
   const DirectSystem& system_;
   std::vector<DirectSystem::RowMajor> controls_;  ///< displacements of the control points for each design on the direct path

@@ -64,7 +64,7 @@ DirectSystem::DirectSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup,
 }
 
 std::vector<PointId> DirectSystem::checked_points() const {
-  // Of the model itself, without its images: all points follow.
+  // The points of the model itself, without its images: all follow.
   std::vector<PointId> points(setup_.images ? setup_.images->points() : mesh_->point_count());
   std::iota(points.begin(), points.end(), PointId{0});
   std::vector<PointId> result;

@@ -16,7 +16,8 @@ namespace deform {
 struct FfdMethod {
   using Options = FfdOptions;
   static constexpr std::string_view name = "ffd";
-  static constexpr MethodFeatures features{.symmetry = false, .constraints = true};
+  static constexpr MethodFeatures features{.constraints = true, .control_points = true, .more_of = "control points"};
+  static std::vector<OptionRegion> regions(FfdOptions&) { return {}; }
   /// Rejects constraints unless control is FfdControl::energy, and moved control points if it is.
   static void validate(const FfdOptions& options, const Setup& setup, const Mesh& mesh);
   static bool selects_controls(const FfdOptions& options) { return options.control == FfdControl::controls; }

@@ -19,8 +19,8 @@ class HeldInverse {
  public:
   /// For an automatic choice: how far control points may move for waves of Typical, over the height of these.
   static constexpr double most_motion = 3;
-  /// Of the prescribed values: a misfit below is none. Otherwise the weakest choice is made for affine motions of one handle,
-  /// which a lattice meets ever better.
+  /// As a fraction of the prescribed values: a misfit below is none. Otherwise the weakest choice is made for affine motions of
+  /// one handle, which a lattice meets ever better.
   static constexpr double least_misfit = 1e-7;
   /// Places to check, at most.
   static constexpr std::size_t most_checked = 64, most_kinds = 3;
@@ -48,7 +48,7 @@ class HeldInverse {
     Eigen::MatrixXd coefficients;  ///< k x c
     Eigen::MatrixXd parts;         ///< s x c, along singular vectors; no rows where uncertainty() takes none
   };
-  /// Of a column of a solution.
+  /// The sizes of a column of a solution.
   struct Sizes {
     double coefficients = 0;  ///< their 2-norm
     double misfit = 0;        ///< the 2-norm of what held points are missed by
@@ -71,7 +71,7 @@ class HeldInverse {
   /// Estimates what rounding changes the sums of a kind over a column of a solution by, at each of the checked places. `parts`
   /// are those of the column.
   virtual Eigen::VectorXd uncertainty(std::size_t kind, const Eigen::VectorXd& parts, const Sizes& sizes) const = 0;
-  /// Of the equations that are solved.
+  /// The condition of the equations that are solved.
   virtual double condition() const = 0;
   virtual std::size_t bytes() const = 0;
   /// What was chosen, for people: one sentence.

@@ -61,7 +61,7 @@ struct PlacedMesh {
   std::size_t outside = 0;
 };
 
-/// Of the images in the planes of `image` and any of the matched ones the first that lies in the lattice.
+/// The first of the images in the planes of `image` and any of the matched ones that lies in the lattice.
 PlacedMesh placed(const Mesh& mesh, const Symmetry& symmetry, const LatticeFunctions& functions, unsigned image, unsigned matched,
                   const RunContext& context) {
   PlacedMesh result{mesh, std::vector<std::uint8_t>(mesh.point_count(), static_cast<std::uint8_t>(image)), 0};

@@ -21,7 +21,7 @@ class CompressedFields {
   /// Compresses the fields with an error of at most `bound` > 0 in every value. Reports "basis" progress without fractions.
   CompressedFields(const FieldTiles& fields, std::span<const Vec3> places, double bound, const RunContext& context);
 
-  /// Of the parts of one, as they are; see fits().
+  /// Takes the parts as they are; see fits().
   CompressedFields(std::size_t points, std::size_t fields, std::vector<FieldBlock> blocks, std::vector<double> errors)
       : points_(points), fields_(fields), blocks_(std::move(blocks)), errors_(std::move(errors)) {}
 
@@ -32,7 +32,7 @@ class CompressedFields {
   std::size_t fields() const { return fields_; }
   /// The largest error of each field, measured at all points, including the rounding of sums.
   const std::vector<double>& errors() const { return errors_; }
-  /// Of FieldBlock::points points each, but the last.
+  /// Blocks of FieldBlock::points points each, but the last.
   const std::vector<FieldBlock>& blocks() const { return blocks_; }
   std::size_t bytes() const;
   /// An approximate upper bound of the memory of fields of magnitude 1, at most that of FieldTiles.

@@ -112,8 +112,8 @@ void ControlEvaluation::add_tile(std::size_t tile, std::size_t first, std::size_
   }
 }
 
-SpaceMap::Told ControlEvaluation::displacements_at(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
-                                                   const RunContext& context) const {
+SpaceMap::Found ControlEvaluation::displacements_at(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
+                                                    const RunContext& context) const {
   std::atomic<std::size_t> still = 0;
   parallel_for(context, points.size(), places_per_task, [&](std::size_t begin, std::size_t end) {
     still += add_images(points.subspan(begin, end - begin), first + begin, out.subspan(begin, end - begin));

@@ -22,8 +22,8 @@ class ControlEvaluation : public HandleEvaluation {
   void add_jump_warning(std::size_t design);
   void direct_tile(std::size_t tile, std::size_t first, std::size_t count, double* values) const override;
   void add_tile(std::size_t tile, std::size_t first, std::size_t count, double* values) const;
-  SpaceMap::Told displacements_at(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
-                                  const RunContext& context) const override;
+  SpaceMap::Found displacements_at(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
+                                   const RunContext& context) const override;
 
   /// Adds the displacements of places up over their images; returns how many places have no functions in any.
   std::size_t add_images(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out) const;

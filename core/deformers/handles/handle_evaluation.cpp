@@ -256,8 +256,8 @@ void HandleEvaluation::evaluate(std::size_t begin, std::size_t end, std::size_t 
   replace_points(begin, end, first, out);
 }
 
-/// Of designs on stored bases: more streams of results than a few are slower to write than the bases of these points to read
-/// again. What is computed for a tile, or decoded, is for all designs.
+/// The number of designs on stored bases that share a pass: more streams of results than a few are slower to write than the bases
+/// of these points to read again. What is computed for a tile, or decoded, is for all designs.
 std::size_t HandleEvaluation::designs_in_pass(std::size_t first, std::size_t count) const {
   const bool compressed = system_->has_basis() && system_->basis_.front().compressed;
   bool direct = false;
@@ -265,8 +265,8 @@ std::size_t HandleEvaluation::designs_in_pass(std::size_t first, std::size_t cou
   return compressed || direct ? std::max<std::size_t>(1, count) : streams_of_results;
 }
 
-SpaceMap::Told HandleEvaluation::displacements_at(std::span<const Vec3>, std::uint64_t, std::span<Vec3>,
-                                                  const RunContext&) const {
+SpaceMap::Found HandleEvaluation::displacements_at(std::span<const Vec3>, std::uint64_t, std::span<Vec3>,
+                                                   const RunContext&) const {
   throw Error(ErrorCode::internal, "this deformation is defined at the points of its mesh only");
 }
 

@@ -38,8 +38,8 @@ class HandleEvaluation : public Evaluation {
   virtual void direct_tile(std::size_t tile, std::size_t first, std::size_t count, double* values) const = 0;
   /// Writes the displacements of the first design, which is on the direct path, at any points (model units) to `out`, in the
   /// frame of the symmetry planes; see SpaceMap::evaluate(). Only for systems that are defined off the mesh.
-  virtual SpaceMap::Told displacements_at(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
-                                          const RunContext& context) const;
+  virtual SpaceMap::Found displacements_at(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
+                                           const RunContext& context) const;
   /// The points that replace_points() replaces in the first design, with their positions, ascending.
   virtual std::vector<std::pair<PointId, Vec3>> replaced() const { return {}; }
   /// Replaces those of the points [begin, end) that the solution does not determine; see evaluate().

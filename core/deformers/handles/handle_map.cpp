@@ -26,14 +26,14 @@ HandleMap::HandleMap(std::unique_ptr<const HandleEvaluation> evaluation)
     if (!system.is_prescribed(id)) continue;
     given_.push_back({mesh.points[i], evaluation_->held_.place(evaluation_->designs_[0], id, MotionKind::position)});
   }
-  // Of points in one place the first counts.
+  // Among points in one place the first counts.
   std::stable_sort(given_.begin(), given_.end(), [](const Given& a, const Given& b) { return a.from < b.from; });
   const auto last = std::unique(given_.begin(), given_.end(), [](const Given& a, const Given& b) { return a.from == b.from; });
   given_.erase(last, given_.end());
 }
 
-SpaceMap::Told HandleMap::evaluate(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
-                                   const RunContext& context) const {
+SpaceMap::Found HandleMap::evaluate(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
+                                    const RunContext& context) const {
   const Symmetry& symmetry = evaluation_->system_->regions_.symmetry;
   // The displacement of the second of two partners is that of the first, turned.
   std::vector<Vec3> at_first;
@@ -43,7 +43,7 @@ SpaceMap::Told HandleMap::evaluate(std::span<const Vec3> points, std::uint64_t f
     at_first.push_back(partner == nullptr ? points[i] : evaluation_->system_->mesh_->points[partner->first]);
     if (partner != nullptr && partner->is_second) seconds.push_back(i);
   }
-  const Told told = evaluation_->displacements_at(symmetry.is_sector() ? at_first : points, first, out, context);
+  const Found found = evaluation_->displacements_at(symmetry.is_sector() ? at_first : points, first, out, context);
   for (const std::size_t i : seconds) out[i] = symmetry.sector().turned(out[i], 1);
   parallel_for(context, points.size(), mapped_points_per_task, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
@@ -59,7 +59,7 @@ SpaceMap::Told HandleMap::evaluate(std::span<const Vec3> points, std::uint64_t f
       out[i] = x + u;
     }
   });
-  return told;
+  return found;
 }
 
 }  // namespace deform

@@ -17,7 +17,8 @@ class HandleMap : public SpaceMap {
   explicit HandleMap(std::unique_ptr<const HandleEvaluation> evaluation);
 
   const DesignReport& report() const override { return evaluation_->report(0); }
-  Told evaluate(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out, const RunContext& context) const override;
+  Found evaluate(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
+                 const RunContext& context) const override;
 
   /// The memory that it takes besides the evaluation, for so many points whose places are given.
   static std::size_t bytes_for(std::size_t given) { return given * sizeof(Given); }

@@ -48,7 +48,7 @@ class PartnerPlaces {
       entries_.push_back({mesh.points[pair.first], pair.first, false});
       entries_.push_back({mesh.points[pair.second], pair.first, true});
     }
-    // Of points in one place the first counts.
+    // Among points in one place the first counts.
     std::stable_sort(entries_.begin(), entries_.end(), [](const Entry& a, const Entry& b) { return a.place < b.place; });
   }
 

@@ -13,7 +13,7 @@ namespace deform {
 
 namespace {
 
-/// Of the terms of a rate.
+/// The size of the terms of a rate.
 double term_size(const Affine& rate, const Vec3& x) {
   double size = 0;
   for (std::size_t i = 0; i < 12; ++i) size = std::max(size, std::abs(rate[i] * (i % 4 == 3 ? 1.0 : x[i % 4])));

@@ -23,7 +23,7 @@ class StoredBasis {
  public:
   using Sink = std::function<void(const void* data, std::size_t size)>;
 
-  /// Of a system with a basis and without constraints; null for others. What is returned is `system`.
+  /// The source of a stored basis: `system` itself if it has a basis and no constraints, else null.
   static const HandleSystem* source(const System& system);
   /// Hands out the bytes piece by piece, the values straight from the system.
   static void write(const HandleSystem& system, const Sink& sink);

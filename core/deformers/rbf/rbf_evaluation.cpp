@@ -215,8 +215,8 @@ std::vector<double> RbfEvaluation::part_values(std::size_t p, std::span<const Ve
   return values;
 }
 
-SpaceMap::Told RbfEvaluation::displacements_at(std::span<const Vec3> points, std::uint64_t, std::span<Vec3> out,
-                                               const RunContext& context) const {
+SpaceMap::Found RbfEvaluation::displacements_at(std::span<const Vec3> points, std::uint64_t, std::span<Vec3> out,
+                                                const RunContext& context) const {
   std::vector<Vec3> places;
   places.reserve(points.size());
   for (const Vec3& x : points) places.push_back(system_.coordinates(x));

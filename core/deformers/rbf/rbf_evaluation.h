@@ -26,8 +26,8 @@ class RbfEvaluation : public HandleEvaluation {
   void measure_residuals();
   void solve_derivative(const RunContext& context);
   void direct_tile(std::size_t tile, std::size_t first, std::size_t count, double* values) const override;
-  SpaceMap::Told displacements_at(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
-                                  const RunContext& context) const override;
+  SpaceMap::Found displacements_at(std::span<const Vec3> points, std::uint64_t first, std::span<Vec3> out,
+                                   const RunContext& context) const override;
   /// Values of one part at places of the system's coordinates: n x components of the part, row by row.
   std::vector<double> part_values(std::size_t part, std::span<const Vec3> places, double& sums_error,
                                   const RunContext& context) const;

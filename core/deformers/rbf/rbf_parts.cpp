@@ -41,7 +41,7 @@ PartPlan sector_part(const Sector& sector, const RbfCentres& centres, Solver sol
   return part;
 }
 
-/// Of two sectors all sines are zero, and without a centre off the axis nothing moves across it.
+/// With two sectors all sines are zero, and without a centre off the axis nothing moves across it.
 std::vector<PartPlan> sector_parts(const Sector& sector, const RbfCentres& centres, Solver solver) {
   std::vector<PartPlan> parts;
   parts.push_back(sector_part(sector, centres, solver, 0, false));

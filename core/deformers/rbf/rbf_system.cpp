@@ -30,7 +30,7 @@ unsigned odd_planes(const PartPlan& plan, const Symmetry& symmetry) {
   return odd ? 1u << plan.components.front() : 0u;
 }
 
-/// Of so many constraint points one in so many is looked at before all are.
+/// One in how many constraint points is looked at before all are.
 std::size_t stride_of(std::size_t points) {
   constexpr std::size_t sampled = 50000;
   return (points + sampled - 1) / sampled;

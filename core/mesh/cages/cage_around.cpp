@@ -117,7 +117,7 @@ void describe(CageAround& cage, const Points& points, const RunContext& context)
   cage.clearance = enclosed(cage.mesh, points, context).nearest;
   const MeshReport report = inspect(cage.mesh);
   cage.components = report.components;
-  // Of closed surfaces V - E + F is two for each component less two for each handle.
+  // In closed surfaces V - E + F is two for each component less two for each handle.
   const std::size_t even = 2 * report.components + report.edges - report.points - report.faces;
   cage.genus = even / 2;
 }

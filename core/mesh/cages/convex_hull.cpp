@@ -173,7 +173,7 @@ class Quickhull {
   std::vector<std::uint32_t> seen_;
 };
 
-/// Of nodes in a plane: the corners of a cube around each of them.
+/// The corners of a cube around each of some nodes in a plane.
 std::vector<Node> thickened(const std::vector<Node>& nodes) {
   std::vector<Node> result;
   for (const Node& node : nodes) {

@@ -26,8 +26,8 @@ struct SquarestDivisions {
   /// The nearest numbers of points that there are; 0: none.
   std::size_t below = 0, above = 0;
 };
-/// Of all divisions with so many points, to CageRequest::count_tolerance, and angles of 15 degrees or more. `sides`: of the box,
-/// model units, over 0.
+/// The squarest of all divisions with so many points, to CageRequest::count_tolerance, and angles of 15 degrees or more. `sides`:
+/// of the box, model units, over 0.
 SquarestDivisions squarest_divisions(const Vec3& sides, std::size_t points, const std::array<bool, 3>& mirrored);
 
 /// A closed triangle mesh that faces outwards. Diagonals are all the same way, but on the other side of planes in which the box

@@ -213,7 +213,7 @@ class Search {
     const Vec3 image = reflected(plane, x);
     return distance(image, closest_(image));
   }
-  /// Of the first few samples, the root mean square in D; infinity if it is over a limit.
+  /// The root mean square deviation of the first few samples, in D; infinity if it is over a limit.
   double mean_deviation(const CagePlane& plane, std::size_t count, double limit) const {
     count = std::min(count, few_.size());
     const double most = limit * limit * static_cast<double>(count);
@@ -239,7 +239,7 @@ class Search {
     parallel_for(context_, samples_.size(), samples_per_task, [&](std::size_t begin, std::size_t end) {
       Worst& most = worst[begin / samples_per_task];
       for (std::size_t i = begin; i < end && !is_over.load(std::memory_order_relaxed); ++i) {
-        // Those that are as near as others need not be told apart.
+        // Those that are as near as others need not be distinguished.
         const Vec3 image = reflected(plane, samples_[i]);
         const double here = distance(image, closest_.find(image, most.first).point);
         if (here > most.first) most = {here, samples_[i]};

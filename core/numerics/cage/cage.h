@@ -36,7 +36,7 @@ class Cage {
   /// Facing outwards.
   const std::vector<Triangle>& triangles() const { return triangles_; }
   std::size_t size() const { return vertices_.size(); }
-  /// Of its box, model units.
+  /// The diagonal of its box, model units.
   double diagonal() const { return diagonal_; }
   std::size_t bytes() const;
   /// Upper bound of bytes().

@@ -16,7 +16,7 @@ namespace {
 constexpr double rounding = std::numeric_limits<double>::epsilon();
 /// Distance below which a point is on the cage, in multiples of rounding errors.
 constexpr double roundings_on_cage = 16;
-/// Fraction of the full solid angle: needles at a vertex of the cage below it are not told from nothing.
+/// Fraction of the full solid angle: needles at a vertex of the cage below it count as nothing.
 constexpr double least_angle = 1e-9;
 constexpr double full_angle = 4 * std::numbers::pi;
 
@@ -39,7 +39,7 @@ GreenSide side_view(const Cage::Edge& edge, std::span<const Vec3> to, std::span<
   return {less > 0 ? std::log1p(2 * edge.length / less) : 0, between ? std::sqrt(d2) : a};
 }
 
-/// Of a triangle seen from x (Van Oosterom and Strackee 1983), of the sign of the height.
+/// The solid angle of a triangle seen from x (Van Oosterom and Strackee 1983), of the sign of the height.
 double solid_angle(const Cage::Face& face, double twice_area, double height, std::span<const Vec3> to,
                    std::span<const double> distances) {
   const auto& [i, j, k] = face.corners;

@@ -79,7 +79,7 @@ class LevelChoice {
   }
 
  private:
-  /// Of each place from the nearest of some.
+  /// The distance of each place from the nearest of some.
   std::vector<double> distances(std::span<const std::uint32_t> some, const RunContext& context) const {
     std::vector<double> result(from_.places.size(), std::numeric_limits<double>::infinity());
     if (some.empty()) return result;

@@ -44,7 +44,7 @@ class CyclicInterpolator : public Interpolator {
   CyclicInterpolator(std::vector<Vec3> centres, CyclicRows rows, const InterpolationOptions& options, const RunContext& context);
 
   Solver solver() const override { return Solver::ldlt; }
-  /// Of the matrix on the complement of the polynomials, in the 2-norm.
+  /// The condition of the matrix on the complement of the polynomials, in the 2-norm.
   double condition() const override { return condition_; }
   std::size_t bytes() const override;
   const std::vector<std::uint32_t>& representatives() const override { return representatives_; }

@@ -26,7 +26,7 @@ class DifferenceBasis {
   /// Takes O(m^2) time. Throws Error(cancelled), deadline_exceeded.
   DifferenceBasis(std::span<const Vec3> centres, const RunContext& context);
 
-  /// Of each centre, or none.
+  /// The parent of each centre, or none.
   const std::vector<std::uint32_t>& parents() const { return parents_; }
   /// How many centres have a parent.
   std::size_t size() const { return order_.size(); }

@@ -16,11 +16,6 @@ namespace {
 
 using Eigen::Index;
 
-/// Kernels that fall off from each centre: weights are of the size of the values, and slopes those over the shape.
-bool falls_off(const RadialKernel& kernel) {
-  return kernel.kernel == Kernel::gaussian || kernel.kernel == Kernel::inverse_multiquadric;
-}
-
 double slope(const RadialKernel& kernel, double r2) {
   constexpr double share = 1e-4;  // of the distance: the difference has eight digits
   if (!(r2 > 0)) return 0;
@@ -71,7 +66,7 @@ Eigen::MatrixXd value_errors(const Interpolator& system, const Interpolants& int
   }
   errors += rounding *
             (root_square_sums(system.kernel(), points, system.centres(), interpolants.coefficients, context) + values.cwiseAbs());
-  if (falls_off(system.kernel())) errors += coordinate_rounding(system, interpolants, points, context);
+  if (properties(system.kernel().kernel).falls_off) errors += coordinate_rounding(system, interpolants, points, context);
   // NaN has an infinite error.
   return errors.unaryExpr([](double error) { return std::isnan(error) ? std::numeric_limits<double>::infinity() : error; });
 }

@@ -18,8 +18,8 @@ constexpr double coefficients_share = 0.5, sums_share = 0.25;
 constexpr double first_residual = 0.3;  // of the tolerance: residuals grow more often than not
 constexpr double aim = 0.5;             // of what is allowed
 constexpr int most_rounds = 4;
-// Of what rounding makes of sums, for that of the weights, which differs from point to point, and of the coordinates, which
-// remains where the weights have rests.
+// The share of what rounding makes of sums, for that of the weights, which differs from point to point, and of the coordinates,
+// which remains where the weights have rests.
 constexpr double rounding_share = 0.5;
 // Pairs of points and centres that are summed with twice the digits where rounding alone would miss the tolerance: seconds.
 constexpr double most_accurate = 1e9;

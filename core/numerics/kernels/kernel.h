@@ -28,14 +28,24 @@ enum class Kernel {
 /// of the polynomial part follows from it.
 struct KernelProperties {
   Kernel kernel;
-  const char* name;        ///< lower case, as shown in messages
-  int order;               ///< order of conditional positive definiteness; 0 = positive definite
-  int sign;                ///< +1 or -1
+  const char* name;  ///< lower case, as shown in messages
+  int order;         ///< order of conditional positive definiteness; 0 = positive definite
+  int sign;          ///< +1 or -1
+  /// Whether it carries the slopes of handles that turn or bend on beyond them, since it is smooth at its centre and does not
+  /// decay within a few spacings: points between handles may move farther than these.
+  bool overshoots;
   bool has_shape = false;  ///< whether it has a shape parameter s
   bool smooth = true;      ///< away from its centre, as fast sums and the iterative solver require
   double spacings = 0;     ///< see automatic_shape()
   /// The s at which the kernel is negligible beyond distance 1, where it is cut off (thesis 8.3.2); 0 if it does not decay.
   double local_shape = 0;
+  /// Whether it falls off from its centre over about s: weights are of the size of the values, slopes of these over s, and the
+  /// rounding of coordinates counts.
+  bool falls_off = false;
+  /// The misfit of affine motions at constraint points that are not centres, as a fraction of the largest displacement, by which
+  /// the deformable region changed by less than 1e-2 of it in measurements. There such misfits are amplified up to sixty times
+  /// with r^3, and divided by three with r.
+  double reduction_tolerance = 1e-4;
 
   /// Default degree of the polynomial part.
   int default_degree() const { return order > 2 ? order - 1 : 1; }

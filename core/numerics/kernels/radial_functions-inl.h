@@ -34,7 +34,8 @@ HWY_INLINE double finite_log(double x) { return std::log(std::max(x, 1e-300)); }
 
 /// r^3
 struct Triharmonic {
-  static constexpr KernelProperties properties{.kernel = Kernel::triharmonic, .name = "triharmonic", .order = 2, .sign = 1};
+  static constexpr KernelProperties properties{
+      .kernel = Kernel::triharmonic, .name = "triharmonic", .order = 2, .sign = 1, .overshoots = true};
   explicit Triharmonic(double) {}
   template <typename T>
   HWY_INLINE T operator()(T r2) const {
@@ -44,7 +45,12 @@ struct Triharmonic {
 
 /// r
 struct Biharmonic {
-  static constexpr KernelProperties properties{.kernel = Kernel::biharmonic, .name = "biharmonic", .order = 1, .sign = -1};
+  static constexpr KernelProperties properties{.kernel = Kernel::biharmonic,
+                                               .name = "biharmonic",
+                                               .order = 1,
+                                               .sign = -1,
+                                               .overshoots = false,
+                                               .reduction_tolerance = 1e-3};
   explicit Biharmonic(double) {}
   template <typename T>
   HWY_INLINE T operator()(T r2) const {
@@ -54,7 +60,8 @@ struct Biharmonic {
 
 /// r^5
 struct Quintic {
-  static constexpr KernelProperties properties{.kernel = Kernel::quintic, .name = "quintic", .order = 3, .sign = -1};
+  static constexpr KernelProperties properties{
+      .kernel = Kernel::quintic, .name = "quintic", .order = 3, .sign = -1, .overshoots = true};
   explicit Quintic(double) {}
   template <typename T>
   HWY_INLINE T operator()(T r2) const {
@@ -68,9 +75,11 @@ struct Gaussian {
                                                .name = "gaussian",
                                                .order = 0,
                                                .sign = 1,
+                                               .overshoots = false,
                                                .has_shape = true,
                                                .spacings = 2,
-                                               .local_shape = 1.0 / 3};
+                                               .local_shape = 1.0 / 3,
+                                               .falls_off = true};
   explicit Gaussian(double s) : minus_inverse_s2(-1 / (s * s)) {}
   template <typename T>
   HWY_INLINE T operator()(T r2) const {
@@ -81,8 +90,13 @@ struct Gaussian {
 
 /// sqrt(r^2 + s^2)
 struct Multiquadric {
-  static constexpr KernelProperties properties{
-      .kernel = Kernel::multiquadric, .name = "multiquadric", .order = 1, .sign = -1, .has_shape = true, .spacings = 3};
+  static constexpr KernelProperties properties{.kernel = Kernel::multiquadric,
+                                               .name = "multiquadric",
+                                               .order = 1,
+                                               .sign = -1,
+                                               .overshoots = false,
+                                               .has_shape = true,
+                                               .spacings = 3};
   explicit Multiquadric(double s) : s2(s * s) {}
   template <typename T>
   HWY_INLINE T operator()(T r2) const {
@@ -97,8 +111,10 @@ struct InverseMultiquadric {
                                                .name = "inverse_multiquadric",
                                                .order = 0,
                                                .sign = 1,
+                                               .overshoots = false,
                                                .has_shape = true,
-                                               .spacings = 3};
+                                               .spacings = 3,
+                                               .falls_off = true};
   explicit InverseMultiquadric(double s) : s2(s * s) {}
   template <typename T>
   HWY_INLINE T operator()(T r2) const {
@@ -114,6 +130,7 @@ struct WendlandC2 {
                                                .name = "wendland_c2",
                                                .order = 0,
                                                .sign = 1,
+                                               .overshoots = true,
                                                .has_shape = true,
                                                .smooth = false,
                                                .spacings = std::numeric_limits<double>::infinity(),
@@ -131,7 +148,8 @@ struct WendlandC2 {
 
 /// r^2 log r, the interpolant of least bending energy in the plane, as r^3 is in space
 struct ThinPlate {
-  static constexpr KernelProperties properties{.kernel = Kernel::thin_plate, .name = "thin_plate", .order = 2, .sign = 1};
+  static constexpr KernelProperties properties{
+      .kernel = Kernel::thin_plate, .name = "thin_plate", .order = 2, .sign = 1, .overshoots = true};
   explicit ThinPlate(double) {}
   template <typename T>
   HWY_INLINE T operator()(T r2) const {

@@ -35,7 +35,7 @@ class LatticeSums {
   void tile(std::span<const Vec3> u, std::span<const PointId> rows, std::span<const Vec3* const> vectors, double* out) const;
 
  private:
-  /// Of the output, in doubles.
+  /// Strides of the output, in doubles.
   struct Strides {
     std::size_t point, vector, component;
   };

@@ -31,7 +31,7 @@ class MovedLattice {
   /// Throws Error(invalid_argument): det dx/du <= 0 at u, or other samples near x lead to other coordinates: the lattice folds
   /// over.
   std::optional<Vec3> coordinates(const Vec3& x) const;
-  /// Of many points, in parallel; errors name the point by its position.
+  /// The coordinates of many points, in parallel; errors name the point by its position.
   LatticeCoordinates coordinates(std::span<const Vec3> points, const RunContext& context = {}) const;
 
  private:

@@ -66,7 +66,7 @@ void SplineAxis::evaluate(std::size_t span, double u, std::size_t derivative, do
     }
     out[q] = saved;
   }
-  // Of degree q are the functions that begin at t[-q] .. t[0].
+  // The functions that begin at t[-q] .. t[0] have degree q.
   for (std::size_t q = low + 1; q <= degree_; ++q) {
     double before = 0;  // of the function of degree q - 1 that begins at the same knot, over its width
     for (std::size_t r = 0; r <= q; ++r) {

@@ -51,7 +51,7 @@ std::uint32_t retry_hint(std::string_view text) {
 v1::RequestError error_to_proto(const Error& error) {
   v1::RequestError message;
   message.set_code(status_number(error.code()));
-  message.set_message(escaped(error.told(), max_error_message));
+  message.set_message(escaped(error.public_message(), max_error_message));
   message.set_retry_after_ms(error.retry_after_ms());
   return message;
 }

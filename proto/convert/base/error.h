@@ -25,7 +25,7 @@ ErrorCode error_code(std::uint32_t status_number);
 /// The milliseconds of a retry hint; 0, meaning no hint, if the text is not a number.
 std::uint32_t retry_hint(std::string_view text);
 
-/// Makes what a client is told printable and cuts it.
+/// Makes the words for a client printable and cuts it.
 v1::RequestError error_to_proto(const Error& error);
 Error error_from_proto(const v1::RequestError& message);
 

@@ -20,7 +20,7 @@ using google::protobuf::FieldDescriptor;
 using google::protobuf::internal::WireFormatLite;
 using google::protobuf::io::CodedInputStream;
 
-// Of protobuf's C++ library.
+// Sizes of protobuf's C++ library.
 constexpr std::size_t allocation_bytes = 16;  ///< of the allocator, for each piece
 constexpr std::size_t pointer_bytes = 16;     ///< in an array that doubles
 constexpr std::size_t string_bytes = 32;      ///< without its characters

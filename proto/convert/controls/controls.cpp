@@ -72,7 +72,7 @@ LatticeOptions lattice_from_proto(const v1::Lattice& message) {
 
 namespace {
 
-/// Of a design variable, or of another handle that it moves.
+/// The number of motions of a design variable, or of another handle that it moves.
 template <typename Message>
 int kinds_of_motion(const Message& message) {
   return (message.translate().empty() ? 0 : 1) + (message.has_rotate() ? 1 : 0) + (message.has_scale() ? 1 : 0);

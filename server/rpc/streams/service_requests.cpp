@@ -86,7 +86,7 @@ StreamRequests::Effect StreamRequests::accept(v1::DeformStreamRequest&& message,
   request->record.messages_in += 1;
   request->record.bytes_in += bytes;
   if (request->state == State::waiting || request->state == State::running) {
-    // Two answers with one id could not be told apart, so both end, with one error.
+    // Two answers with one id could not be distinguished, so both end, with one error.
     effect.cancelled = request->job;
     request->stop.request_stop();
     refuse(*request, Error(ErrorCode::invalid_argument,

@@ -78,7 +78,7 @@ class StreamRequests {
   std::deque<RequestPtr> all() const;
 
   bool empty() const { return open_.empty(); }
-  /// Of some request the last message has not come.
+  /// Whether the last message of some request has not come.
   bool waits_for_more() const { return open_.size() > complete_; }
   std::size_t size() const { return open_.size(); }
   /// False while too many bytes are buffered and some request that holds them will end by itself.

@@ -26,7 +26,7 @@ PATCH = 0.022
 """Half of the boxes around the places of handles: the cells of the body have this side."""
 BOUND = 0.04
 CELL, BOX = 0.08, ((0.12, -0.64, 0.0), (1.64, 0.64, 0.8))
-"""Of the lattice: its cells, and its corners. It surrounds the whole car."""
+"""The lattice: its cells, and its corners. It surrounds the whole car."""
 ITERATIONS = 60
 
 
@@ -99,7 +99,7 @@ def body_faces(case):
 
 
 def height(x):
-    """Of the roof and the slant."""
+    """The height of the roof and the slant."""
     return TOP - max(0.0, x - EDGE) * math.tan(math.radians(SLANT))
 
 

@@ -24,7 +24,7 @@ FRONT = (165, 195)
 """These two share the variable along the channel, which leaves 23 of 24 and keeps the body from travelling at no cost."""
 BOUND = 0.2
 CELL, REACH, LATTICE = 0.25, 1.1, 1.875
-"""Of the lattice: its cells, how far from the centre control points move, and half of its width."""
+"""The lattice: its cells, how far from the centre control points move, and half of its width."""
 ITERATIONS = 50
 
 os.environ.setdefault("WM_PROJECT_DIR", "/usr/share/openfoam")

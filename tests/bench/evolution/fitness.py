@@ -17,23 +17,23 @@ import subprocess
 import sys
 
 WEIGHT = 0.82
-"""Of the area. What is gained at the start by growing or shrinking the body as a whole is nothing."""
+"""The weight of the area. What is gained at the start by growing or shrinking the body as a whole is nothing."""
 VOLUME_WEIGHT = 0.024
-"""Of the volume of half a car, likewise."""
+"""That of the volume of half a car, likewise."""
 SETTLED, CAR_SETTLED, LAST = 1e-4, 5e-4, 5
 """The drag may change by this part over the last iterations: what is above, an optimizer would chase. That of a car swings more, and differs more
 between designs."""
 
 
 def area_of(points_file, outline):
-    """Of the polygon of the points with the ids `outline`, counterclockwise. points_file has a point per line, as blockMesh and deformd write it."""
+    """The area of the polygon of the points with the ids `outline`, counterclockwise. points_file has a point per line, as blockMesh and deformd write it."""
     places = places_of(points_file)
     corners = [(float(places[i][0]), float(places[i][1])) for i in outline]
     return sum(x * v - u * y for (x, y), (u, v) in zip(corners, corners[1:] + corners[:1])) / 2
 
 
 def volume_of(points_file, faces):
-    """Of the body between the plane y = 0 and its faces, ids of their corners, whose normals lead into it: that of the triangles from the first
+    """The volume of the body between the plane y = 0 and its faces, ids of their corners, whose normals lead into it: that of the triangles from the first
     corner of each face."""
     places = places_of(points_file)
     total = 0.0

@@ -46,7 +46,7 @@ class Server:
             return sum(float(line.split()[-1]) for line in answer.read().decode().splitlines() if line.startswith(name))
 
     def seconds(self):
-        """Of the processor."""
+        """Seconds of the processor."""
         fields = pathlib.Path(f"/proc/{self._server.process.pid}/stat").read_text().rsplit(")", 1)[1].split()
         return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
@@ -60,7 +60,7 @@ def run_study(path, server):
 
 
 def records(path):
-    """Of a study, by number."""
+    """The records of a study, by number."""
     lines = (path.with_suffix("") / "journal.jsonl").read_text().splitlines()
     found = {each["number"]: each for each in map(json.loads, lines)}
     return [found[number] for number in sorted(found)]

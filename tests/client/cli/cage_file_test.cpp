@@ -96,7 +96,7 @@ TEST_F(CageFile, IsMadeAroundTheMesh) {
   expect_cage(defaults.method().cage(), CageKind::wrap, 400, 0);
   EXPECT_EQ(read_with("{cage: {generate: {}}}").SerializeAsString(), defaults.SerializeAsString());
   EXPECT_EQ(read_with("{cage: {generate: {}}}").method().cage().control(), v1::FFD_CONTROL_DEFAULT);
-  // Of a further method.
+  // The cage of a further method.
   const v1::Setup two =
       read_with("{rbf: {}}",
                 "then: [{method: {cage: {generate: {kind: BOX, points: 8}}}, handles: [{name: b, region: {control: "
@@ -115,8 +115,8 @@ TEST_F(CageFile, IsMadeAroundTheMesh) {
                [&] { read("{generate: {}}"); });
 }
 
-// Of the half of a ball with y >= 0: with MESH around the images, too; with CONTROLS a box that ends in the plane, or a cage that
-// is its own mirror image.
+// Cages of the half of a ball with y >= 0: with MESH around the images, too; with CONTROLS a box that ends in the plane, or a
+// cage that is its own mirror image.
 TEST_F(CageFile, IsMadeForHalfModels) {
   write("half.obj",
         "v 1 0 0\nv -1 0 0\nv 0 2 0\nv 0 0 1.5\nv 0 0 -1.5\nf 1 3 4\nf 3 2 4\nf 3 1 5\nf 2 3 5\ng cut\nf 1 4 2\nf 1 2 5\n");

@@ -179,6 +179,8 @@ TEST_F(DetectedSetups, ContinueOnlyWhatTheyCan) {
   EXPECT_EQ(continued_text(write("setup.yaml", start + "method: {mls: {}}")), start + "method: {mls: {}}");
   refused(start, {"method", "rbf takes no constraints"});
   refused(start + "method: {rbf: {}}\n", {"method", "rbf takes no constraints"});
+  write("cage.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n");
+  refused(start + "method: {cage: {file: cage.obj}}\n", {"method", "cage takes no constraints"});
   refused(start + "method: {mls: {}}\nconstraints: []\n", {"constraints", "take them out"});
   refused("{geometry: part.obj, method: {mls: {}}}\n", {"block style"});
   refused("---\ngeometry: part.obj\nmethod: {mls: {}}\n", {"block style"});

@@ -83,7 +83,7 @@ TEST_F(CadMarks, AColourTellsTwoEqualBoresApart) {
     request.after = painted(after, "nearly", {{{2, 3.4, 0.5}, like}});
     EXPECT_THAT(refusal(mesh, request), HasSubstr("ambiguous"));
   }
-  // Of what is painted twice only in the new model it says nothing, and a colour of all that are alike neither.
+  // It says nothing about what is painted twice only in the new model, and a colour of all that are alike neither.
   request.before = painted(before, "more", {{{3.4, 2, 0.5}, red}, {{0, 2, 0.5}, blue}, {{0.5, 0.5, 1}, red}});
   request.after =
       painted(after, "more_after", {{{2, 3.4, 0.5}, red}, {{0, 2, 0.5}, blue}, {{4, 2, 0.5}, blue}, {{0.5, 0.5, 1}, red}});

@@ -34,7 +34,7 @@ namespace {
 namespace fs = std::filesystem;
 using testing::HasSubstr;
 
-/// Of places around the middle of a model, in its diagonals.
+/// A map of places around the middle of a model, in its diagonals.
 using UnitMap = std::function<Vec3(const Vec3&)>;
 
 struct Deformation {

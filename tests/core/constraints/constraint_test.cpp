@@ -53,6 +53,32 @@ TEST(Constraint, EveryKindIsMadeAndCalledByItsName) {
   }
 }
 
+// In half models: what names a plane or an axis is reflected, what fits one shape may continue through the plane.
+TEST(Constraint, EveryKindSaysWhatItsMirrorImageIs) {
+  for (ConstraintKind kind : kinds()) {
+    SCOPED_TRACE(kind_name(kind));
+    const Placement placement = placement_of(kind);
+    const std::vector<double> before = numbers_of(kind);
+    for (Vec3* const point : placement.points) (*point)[0] += 1;
+    for (Vec3* const direction : placement.directions) (*direction)[0] += 1;
+    const bool placed = !placement.points.empty() || !placement.directions.empty();
+    EXPECT_EQ(numbers_of(kind) != before, placed) << "they are its options";
+    // A symmetric region without a plane has its own in each image.
+    EXPECT_EQ(mirroring_of(kind) == Mirroring::direction, placed || std::holds_alternative<Symmetric>(kind));
+    if (mirroring_of(kind) == Mirroring::shape) {
+      EXPECT_EQ(region_counts(kind)[1], 1u);
+    }
+  }
+  EXPECT_EQ(mirroring_of(Planar{}), Mirroring::shape);
+  EXPECT_EQ(mirroring_of(Rigid{}), Mirroring::shape);
+  EXPECT_EQ(mirroring_of(Rigid{2}), Mirroring::relation) << "columns of cells are no shape";
+  EXPECT_EQ(mirroring_of(Parallel{}), Mirroring::relation);
+  EXPECT_EQ(mirroring_of(Symmetric{}), Mirroring::direction) << "the plane is found in each image";
+  ConstraintKind symmetric = Symmetric{Symmetric::Plane{{1, 2, 3}, {0, 0, 1}}};
+  EXPECT_EQ(placement_of(symmetric).points.size(), 1u);
+  EXPECT_EQ(placement_of(symmetric).directions.size(), 1u);
+}
+
 TEST(Constraint, LengthsAreInModelUnits) {
   const UnitMap units{{100, 200, 300}, 50};
   // The plane z = 310 is z = 0.2 in unit coordinates.

@@ -23,7 +23,7 @@ struct Closed {
   bool quick;
 };
 
-/// Of 160 to 46,000 points; triangles, quads and polygons; with slots, thin walls and holes through them.
+/// Meshes of 160 to 46,000 points; triangles, quads and polygons; with slots, thin walls and holes through them.
 constexpr Closed closed_surfaces[] = {{"anchor_dense.off.gz", true},  {"pinion.off", true},
                                       {"fandisk_quads.off", true},    {"bumpy-cube.obj.gz", false},
                                       {"rocker-arm.obj.gz", false},   {"joint_remeshed.off.gz", false},

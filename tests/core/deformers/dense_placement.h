@@ -20,7 +20,7 @@ namespace deform::test::dense_energy {
 struct PlacedSet {
   Set set;                          ///< its kind and its rest; no rows
   std::vector<std::size_t> places;  ///< its points among all
-  /// Of a cylinder: positions in `places` of circles on it, which are sections across its axis (five points of a circle on a
+  /// For a cylinder: positions in `places` of circles on it, which are sections across its axis (five points of a circle on a
   /// cylinder are one), though no distance tells that to first order.
   std::vector<std::vector<std::size_t>> sections;
 

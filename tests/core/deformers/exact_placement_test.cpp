@@ -81,7 +81,7 @@ std::vector<Vec3> waves(const Placing& placing, double phase) {
   return result;
 }
 
-/// Of points that are placed: the nearest ones, and their derivatives.
+/// The nearest places of points that are placed, and their derivatives.
 void check_placed(const Placing& placing, const std::vector<Vec3>& from, const ExactPlacement::Placed& placed,
                   const std::string& what) {
   const ExactPlacement& placement = *placing.placement;

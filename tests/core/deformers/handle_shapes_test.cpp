@@ -38,7 +38,7 @@ TEST(HandleShapes, AreThoseOfDeterminantsAndSingularValues) {
       const Shape shape = shape_under(affine(size * A));
       EXPECT_EQ(shape, A.determinant() < 0 ? Shape::mirrored : Shape::kept) << size << "\n" << A;
       mirrored += shape == Shape::mirrored ? 1 : 0;
-      // Of known singular values. The norms make the limit 1 to 3 times 1e-6.
+      // A map of known singular values. The norms make the limit 1 to 3 times 1e-6.
       const Eigen::Matrix3d U = Eigen::HouseholderQR<Eigen::Matrix3d>(some()).householderQ();
       const Eigen::Matrix3d V = Eigen::HouseholderQR<Eigen::Matrix3d>(some()).householderQ();
       const double middle = std::pow(10.0, -6 * std::abs(std::sin(k)));

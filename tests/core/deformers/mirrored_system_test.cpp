@@ -212,7 +212,7 @@ TEST(MirroredSystem, MisfitsOfSoftHandlesAreThoseOfTheDesign) {
     const auto system = prepare(half, setup);
     const double got = system->bind({&bent, 1}, EvaluationPath::basis, {})->report(0).interpolation_residual;
     const double missed = missed_by(system->evaluate({&bent, 1}, EvaluationPath::basis)[0], *half, setup, bent);
-    // Of the whole model, whose halves are not quite alike: the mean of both is delivered.
+    // The halves of the whole model are not quite alike: the mean of both is delivered.
     EXPECT_GE(got, missed * (1 - 1e-6));
     EXPECT_LE(got, 1.15 * missed);
   }

@@ -73,7 +73,7 @@ struct Channel {
     return setup;
   }
 
-  /// Of the first two layers after a deformation the least height, over that at rest, and how much these two numbers differ at
+  /// The least height of the first two layers after a deformation, over that at rest, and how much these two numbers differ at
   /// most over a point of the wall. Fields that are smooth for the layers stretch both alike.
   struct Heights {
     double least = std::numeric_limits<double>::infinity(), difference = 0;

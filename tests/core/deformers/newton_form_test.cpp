@@ -6,7 +6,7 @@
 namespace deform {
 namespace {
 
-/// Of a set of 100 points, each with one distance from a plane.
+/// The form of a set of 100 points, each with one distance from a plane.
 NewtonSizes sizes_of(std::size_t functions, bool dense) {
   NewtonSizes sizes;
   sizes.points = sizes.rows = sizes.touched = 100;

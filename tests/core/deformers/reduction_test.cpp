@@ -120,7 +120,7 @@ TEST(Reduction, HardlyChangesTheResultOfAllCentres) {
   }
 }
 
-// Of rings the points far away are missed, which the estimate counts. Where all are centres there is nothing to estimate.
+// Rings miss the points far away, which the estimate counts. Where all are centres there is nothing to estimate.
 TEST(Reduction, RingsSayHowFarTheyAreFromAllCentres) {
   const auto mesh = shared(car(5000));
   RbfOptions rings = {}, all = all_centres();
@@ -348,7 +348,7 @@ TEST(Reduction, KeepsTheWallsOfVolumes) {
   EXPECT_GT(expected.constraint_points, 5000u);
   const SelectedRegions regions = validate(setup, mesh);
   const RbfCentres chosen = choose_centres(mesh, constraint_points(mesh, regions), 1, {});
-  // Of the floor all points but those that lie beside fixed walls only.
+  // All points of the floor but those that lie beside fixed walls only.
   std::size_t inside = 0;
   for (const PointId id : regions.handles[0]) {
     const Vec3& x = mesh.points[id];

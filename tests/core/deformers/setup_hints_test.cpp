@@ -103,7 +103,7 @@ TEST(SetupHints, NotesOfVariables) {
   for (int k = 0; k < 101; ++k) setup.variables.push_back({"v" + std::to_string(k), "end", up, -1, 1});
   const Texts many = variable_notes(mesh, setup, validate(setup, mesh));
   ASSERT_EQ(many.size(), 101u);
-  EXPECT_EQ(many.back(), "What bounds do is told of the first 100 variables.");
+  EXPECT_EQ(many.back(), "Notes on bounds are about the first 100 variables only.");
 }
 
 /// A trough that is closed but for its top at z = `top`, open nowhere else; its floor is 10 x 10 quads.

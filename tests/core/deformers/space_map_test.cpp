@@ -33,9 +33,9 @@ using test::shared;
 
 const Design bent{{0.1, 0.8, 0.2, -0.6}, {}};
 
-Points mapped(const SpaceMap& map, const std::vector<Vec3>& points, SpaceMap::Told* told = nullptr) {
+Points mapped(const SpaceMap& map, const std::vector<Vec3>& points, SpaceMap::Found* told = nullptr) {
   Points out(points.size());
-  const SpaceMap::Told found = map.evaluate(points, 0, out, {});
+  const SpaceMap::Found found = map.evaluate(points, 0, out, {});
   if (told != nullptr) *told = found;
   return out;
 }
@@ -133,7 +133,7 @@ TEST(SpaceMap, AgreesAtThePointsOfTheMesh) {
     SCOPED_TRACE(name);
     const auto system = prepare(mesh, setup);
     const auto map = system->bind_in_space(bent, {});
-    SpaceMap::Told told;
+    SpaceMap::Found told;
     const Points got = mapped(*map, mesh->points, &told);
     EXPECT_EQ(got, direct(*system, bent));
     EXPECT_EQ(told.still, 0u);
@@ -320,7 +320,7 @@ TEST(SpaceMap, TheIterativeSolverKeepsItsTolerance) {
   setup.method = options;
   const auto system = prepare(mesh, setup);
   const auto map = system->bind_in_space(bent, {});
-  SpaceMap::Told told;
+  SpaceMap::Found told;
   EXPECT_LT(distance(mapped(*map, places, &told), exact), 20e-7 * diagonal);
   EXPECT_LT(told.sums_error, 1e-7 * diagonal);
   EXPECT_LT(distance(mapped(*map, mesh->points), direct(*system, bent)), 2e-7 * diagonal);
@@ -332,7 +332,7 @@ TEST(SpaceMap, OutsideOfALatticeNothingMoves) {
   for (const auto& setup :
        {with_method(lattice_options(FfdControl::energy)), with_method(lattice_options(FfdControl::mesh)), control_setup()}) {
     const auto map = prepare(mesh, setup)->bind_in_space(bent, {});
-    SpaceMap::Told told;
+    SpaceMap::Found told;
     const Points got = mapped(*map, places, &told);
     EXPECT_EQ(told.still, 3u);
     EXPECT_NE(got[0], places[0]);

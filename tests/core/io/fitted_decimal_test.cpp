@@ -61,7 +61,7 @@ TEST(FittedDecimal, RandomValuesComeBackWithinHalfAUnitOfTheLastDigit) {
       ASSERT_LE(text.size(), width);
       ASSERT_NE(text.find('.'), std::string::npos) << text;
       const double back = *parse_decimal(text, DecimalStyle::nastran);
-      // Of the columns a sign, a point and an exponent of three are not digits.
+      // A sign, a point and an exponent of three of the columns are not digits.
       const double unit = std::pow(10, std::floor(std::log10(std::abs(value))) - static_cast<double>(width - 6));
       ASSERT_LE(std::abs(back - value), 0.5000001 * unit) << text << " for " << value;
     }

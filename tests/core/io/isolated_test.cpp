@@ -81,7 +81,7 @@ ReadOptions isolated() {
   options.isolated_reader = {DEFORM_ISOLATED_READER};
   return options;
 }
-/// Of a program that is none of ours.
+/// Options that read with a program that is none of ours.
 ReadOptions shell(const std::string& script) {
   ReadOptions options;
   options.isolated_reader = {"/bin/sh", "-c", script};

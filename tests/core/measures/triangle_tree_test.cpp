@@ -191,7 +191,7 @@ TEST(TriangleTree, MovedIsThatOfTheNewPlaces) {
 }
 
 TEST(TriangleTree, ConesPassOverNothingThatIsAsked) {
-  // Of a ball with some facets that have no normal, in all directions.
+  // Facets of a ball, some of which have no normal, in all directions.
   const Mesh mesh = test::sphere(1, 4);
   std::vector<Corners> triangles;
   Points normals;

@@ -48,8 +48,8 @@ double smallest_angle_degrees(const Mesh& mesh) {
   return smallest;
 }
 
-/// Of the exact body: a box whose cross-section shrinks towards the nose by d(x) on all four sides, less the wedge behind the
-/// slant, and four cylinders.
+/// The volume of the exact body: a box whose cross-section shrinks towards the nose by d(x) on all four sides, less the wedge
+/// behind the slant, and four cylinders.
 double exact_volume(double slant_degrees) {
   const double l = 1.044, w = 0.389, h = 0.288, r = 0.1, s = 0.222, angle = slant_degrees * pi / 180;
   const double inset = r * r * (1 - pi / 4);                    // integral of d over 0..r

@@ -28,7 +28,7 @@ struct Wheel {
         const double turn = 2 * std::numbers::pi * static_cast<double>(k) / static_cast<double>(images);
         centres.push_back({z, r * std::cos(start + turn), r * std::sin(start + turn)});
         const std::complex<double> value = amplitude * std::polar(1.0, harmonic * turn);
-        // Of two images a vector has the sign of its own only.
+        // With two images a vector has the sign of its own only.
         data.push_back(axis && harmonic != 0 ? 0 : value.real());
       }
       rows.first.push_back(static_cast<std::uint32_t>(centres.size()));

@@ -16,7 +16,7 @@ namespace deform::test {
 
 class GreenQuadrature {
  public:
-  /// Of the vertices and of the triangles.
+  /// The coordinates for the vertices and for the triangles.
   struct Coordinates {
     std::vector<double> phi, psi;
   };

@@ -136,7 +136,7 @@ TEST(Parity, EverySolverFindsTheInterpolantOfAllImages) {
     for (const Parity& parity : parities()) {
       const Images images(parity);
       const std::vector<Vec3> all = with_images(centres, images);
-      // Of that parity: odd values go to zero at the plane.
+      // Values of that parity: odd ones go to zero at the plane.
       MatrixXd data(all.size(), 2), half_data = F;
       for (Index i = 0; i < 70; ++i) {
         for (std::size_t k = 0; k < 3; ++k) {

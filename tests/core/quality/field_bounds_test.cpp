@@ -32,11 +32,11 @@ using quality::MovingCells;
 class GivenFields : public DisplacementFields {
  public:
   explicit GivenFields(std::vector<std::vector<double>> fields, double told = 1, double error = 0)
-      : fields_(std::move(fields)), told_(told), error_(error) {}
+      : fields_(std::move(fields)), public_(told), error_(error) {}
   std::size_t count() const override { return fields_.size(); }
   void values(std::size_t first, std::size_t count, std::span<double> values, const RunContext&) const override {
     for (std::size_t i = 0; i < fields_[first].size(); ++i) {
-      for (std::size_t k = 0; k < count; ++k) values[i * count + k] = told_ * fields_[first + k][i];
+      for (std::size_t k = 0; k < count; ++k) values[i * count + k] = public_ * fields_[first + k][i];
     }
   }
   double error(std::size_t) const override { return error_; }
@@ -51,7 +51,7 @@ class GivenFields : public DisplacementFields {
 
  private:
   std::vector<std::vector<double>> fields_;
-  double told_;  ///< of the values
+  double public_;  ///< of the values
   double error_;
 };
 

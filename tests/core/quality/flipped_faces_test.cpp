@@ -40,7 +40,7 @@ double area_in_plane(const Mesh& mesh, const Points& points, std::size_t first, 
   return area;
 }
 
-/// Of a plane sheet that moved in its plane: the faces that lie the wrong way round.
+/// The faces of a plane sheet that moved in its plane which lie the wrong way round.
 Ids wrong_way_round(const Mesh& rest, const Points& points) {
   Ids ids;
   std::size_t first = 0;
@@ -52,7 +52,7 @@ Ids wrong_way_round(const Mesh& rest, const Points& points) {
   return ids;
 }
 
-/// Of such a sheet: the faces that have no area left.
+/// The faces of such a sheet that have no area left.
 Ids collapsed(const Mesh& rest, const Points& points) {
   Ids ids;
   std::size_t first = 0;

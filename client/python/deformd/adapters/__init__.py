@@ -70,7 +70,7 @@ class ScipyObjective:
 
     @property
     def bounds(self) -> List[Tuple[float, float]]:
-        """Of x, as SciPy takes them."""
+        """The bounds of x, as SciPy takes them."""
         return [(0.0, float(upper > lower)) if self._unit_cube else (lower, upper) for lower, upper in self.system.bounds]
 
     def variables(self, x: np.ndarray) -> np.ndarray:
@@ -162,7 +162,7 @@ class ScipyObjective:
         return sloped or (_LAST if self.penalty is None else self.penalty, np.zeros(len(design)))
 
     def _at(self, x: np.ndarray) -> Tuple[np.ndarray, np.ndarray, Report]:
-        """Of one x, without a request if it is that of the last call: its variables, points and report."""
+        """The design of one x, without a request if it is that of the last call: its variables, points and report."""
         design = np.atleast_1d(self.variables(x))
         if self._last is None or not np.array_equal(self._last[0], design):
             deformation = self.system.deform(design, **self._options)

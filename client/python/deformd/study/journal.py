@@ -98,7 +98,7 @@ def _sync_folder(folder: pathlib.Path) -> None:
 
 
 def _changed(folder: pathlib.Path, identity: Dict[str, str]) -> List[str]:
-    """Keys of the study that are not as when the folder was claimed; none of a folder that nobody has claimed."""
+    """Keys of the study that are not as when the folder was claimed; none of a folder that was not claimed."""
     path = folder / "identity.json"
     if not path.exists():
         return []
@@ -116,7 +116,7 @@ def _finished(records: Iterable[Mapping[str, Any]]) -> List[Mapping[str, Any]]:
 
 
 def _optimized(folder: pathlib.Path, record: Mapping[str, Any]) -> bool:
-    """Has a design the values that the study was for when the folder was claimed? Where it has not, as after a slip in a name, nobody could use them."""
+    """Has a design the values that the study was for when the folder was claimed? Where it has not, as after a slip in a name, they are of no use."""
     before = json.loads((folder / "identity.json").read_text())
     named = {str(name) for key in _JUDGING for value in [ast.literal_eval(before.get(key, "None"))] if value
              for name in ([value] if isinstance(value, str) else value)}

@@ -17,7 +17,7 @@ _WITH_GRADIENTS = ("BFGS", "L-BFGS-B", "SLSQP", "TNC", "CG", "trust-constr")
 _WITH_CONSTRAINTS = ("SLSQP", "COBYLA")
 _NLOPT_ENDS = {1: "success", 2: "the value to stop at is reached", 3: "ftol is reached", 4: "xtol is reached", 5: "the most evaluations", 6: "the longest time"}
 FIRST_STEP = 0.25
-"""Of searches along gradients, in parts of the bounds."""
+"""The first step of searches along gradients, in parts of the bounds."""
 
 
 def gradients_of(spec: Spec) -> List[str]:
@@ -57,7 +57,7 @@ def run(study: "Study") -> str:
 
 
 def _start(study: "Study", options: Dict[str, Any]) -> np.ndarray:
-    """Of the key start, by name, in model units; the rest position within the bounds unless given."""
+    """The values of the key start, by name, in model units; the rest position within the bounds unless given."""
     given = options.pop("start", {})
     if not isinstance(given, dict) or any(name not in study.names for name in given):
         raise InvalidArgument(f"optimizer.start: {given!r}, expected values by name, of {', '.join(study.names)}")

@@ -16,7 +16,7 @@ from ..errors import Error, InvalidArgument
 from .commands import become_worker
 
 
-_OUT_OF_TIME = "submitit.core.utils.UncompletedJobError: "  # what its workers raise when they are told so
+_OUT_OF_TIME = "submitit.core.utils.UncompletedJobError: "  # what its workers raise at their limit of time
 
 
 class WorkerLost(Error):
@@ -45,7 +45,7 @@ class Place:
             yield task, self._submit(function, task)
 
     def cancel(self, futures: Sequence[Any]) -> None:
-        """Of those that run, threads and processes go on."""
+        """Cancels what waits; threads and processes that run go on."""
         for future in futures:
             future.cancel()
 
@@ -54,8 +54,8 @@ class Place:
         try:
             return future.result()
         except self._wrapped as error:
-            told = _raised(str(error))
-            raise (OutOfTime if told.startswith(_OUT_OF_TIME) else Error)(told) from error
+            message = _raised(str(error))
+            raise (OutOfTime if message.startswith(_OUT_OF_TIME) else Error)(message) from error
         except self._lost as error:
             raise WorkerLost(str(error).split("\n", 1)[0][:200]) from error
 

@@ -71,7 +71,7 @@ def _history(spec: Spec, records: List[Record]) -> str:
 
 
 def _front(spec: Spec, names: Sequence[str], records: List[Record], front: List[Record]) -> str:
-    """Of each further objective over the first all designs that have both, the front above them; and the front as a table."""
+    """A picture of each further objective over the first: all designs that have both, the front above them; and the front as a table."""
     goals = [name for name, _ in spec.objectives]
     numbers = {each["number"] for each in front}
     measured = sorted((each for each in records if each["verdict"] not in ("bad", "failed") and set(goals) <= each["values"].keys()),
@@ -127,12 +127,12 @@ def _parallel(spec: Spec, names: Sequence[str], bounds: np.ndarray, records: Lis
 
 def _best(names: Sequence[str], task: Task, best: Record, where: str) -> str:
     rows = "".join(f"<tr><td>{html.escape(name)}<td>{value:.6g}</tr>" for name, value in [*zip(names, best["x"]), *best["values"].items()])
-    told = f"<h2>The best{html.escape(where)}, design {best['number']}</h2><table>{rows}<tr><td>verdict<td>{best['verdict']}</tr></table>"
+    text = f"<h2>The best{html.escape(where)}, design {best['number']}</h2><table>{rows}<tr><td>verdict<td>{best['verdict']}</tr></table>"
     try:
         rest, faces = rest_and_faces(task)
         moved = points_of({**task, "x": best["x"]})
     except Error as error:
-        return told + f"<p>No pictures: {html.escape(str(error))}</p>"
+        return text + f"<p>No pictures: {html.escape(str(error))}</p>"
     low, high = np.minimum(rest, moved).min(axis=0), np.maximum(rest, moved).max(axis=0)
     pictures = "".join(f"<figure><img alt='{title}' src='data:image/png;base64,{base64.b64encode(_picture(points, faces, low, high)).decode()}'>"
                        f"<figcaption>{title}</figcaption></figure>" for title, points in (("original", rest), ("best", moved)))
@@ -140,7 +140,7 @@ def _best(names: Sequence[str], task: Task, best: Record, where: str) -> str:
     known = {row.name: row.value for row in before}
     quality = "".join(f"<tr><td style='text-align:left'>{html.escape(row.label)}<td>{known[row.name]:.6g}<td>{row.value:.6g}</tr>"
                       for row in after if row.in_table and row.name in known)
-    return told + pictures + f"<table><tr><th style='text-align:left'>quality<th>original<th>best</tr>{quality}</table>"
+    return text + pictures + f"<table><tr><th style='text-align:left'>quality<th>original<th>best</tr>{quality}</table>"
 
 
 def _picture(points: np.ndarray, faces: np.ndarray, low: np.ndarray, high: np.ndarray, width: int = 640) -> bytes:

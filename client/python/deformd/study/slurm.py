@@ -135,11 +135,11 @@ class _Queue:
         with contextlib.suppress(OSError):
             self._folder.chmod(self._folder.stat().st_mode)  # has NFS look at the folder anew
         try:
-            told = subprocess.run(["squeue", "--noheader", "--array", "--states=all", f"--user={os.getuid()}", "--format=%i %T"], check=True, timeout=60,
-                                  stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True).stdout
+            listed = subprocess.run(["squeue", "--noheader", "--array", "--states=all", f"--user={os.getuid()}", "--format=%i %T"], check=True, timeout=60,
+                                    stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True).stdout
         except (OSError, subprocess.SubprocessError):  # the controller is restarted: nothing new is known
             return
-        self._states = {line.split()[0]: line.split()[1] for line in told.splitlines() if line.strip()}
+        self._states = {line.split()[0]: line.split()[1] for line in listed.splitlines() if line.strip()}
         self._known = self._asked
 
 

@@ -20,7 +20,7 @@ _KEYS = ("setup", "mesh", "server", "folder", "seed", "evaluate", "minimize", "m
          "deformation", "meshes", "failing")
 _MAY_CHANGE = ("budget", "place", "server", "failing", "folder")
 TOLERANCE = 1e-6
-"""Of constraints, in parts of their limits: optimizers with gradients end on them."""
+"""The tolerance of constraints, in parts of their limits: optimizers with gradients end on them."""
 
 
 class Spec(NamedTuple):
@@ -31,7 +31,7 @@ class Spec(NamedTuple):
     mesh: Optional[pathlib.Path]
     server: Optional[str]
     folder: pathlib.Path
-    """Of the state and the results."""
+    """The folder of the state and the results."""
     base: pathlib.Path
     """The folder of the file."""
     seed: int
@@ -93,7 +93,7 @@ def read_spec(path: Union[str, "os.PathLike[str]"]) -> Spec:
     if (objectives or constraints) and not evaluate:
         raise InvalidArgument("evaluate: missing; objectives and constraints are values that it measures")
     measured = evaluate.get("measures", {})
-    if evaluate and "function" not in evaluate and "command" not in evaluate:  # whose values nobody knows before
+    if evaluate and "function" not in evaluate and "command" not in evaluate:  # whose values are unknown before
         known = [*measured, *evaluate.get("quality", ())]
         for name in [name for name, _ in objectives] + [name for name, _, _ in constraints]:
             if name not in known:

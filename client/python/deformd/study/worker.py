@@ -65,7 +65,7 @@ def evaluate(task: Task, before_failing: Callable[[], None] = lambda: None) -> D
 
 
 def failed_record(task: Task, reason: str) -> Dict[str, Any]:
-    """Of a design that no worker has a record of."""
+    """The record of a design that no worker has one of."""
     return {"number": task["number"], "x": task["x"], "seconds_deforming": 0.0, "seconds_evaluating": 0.0, "verdict": "failed", "reasons": [reason], "values": {},
             "gradients": {}, "mesh": None}
 

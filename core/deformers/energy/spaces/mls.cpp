@@ -360,7 +360,7 @@ SpaceBytes estimate_mls_space(const Mesh& mesh, const MlsOptions& options) {
 
 namespace {
 
-/// Of as many random samples those within the largest radius that supports can have: spread samples need no larger one.
+/// The cells within the largest radius that supports of as many random samples can have: spread samples need no larger one.
 std::size_t reach_in_cells(const Mesh& mesh, const SampleOptions& counts, std::size_t cover, std::span<const Vec3> places) {
   const DensePoints random = dense_points(mesh, mesh.points, {counts.surface, counts.volume}, 1);
   const std::size_t all = random.points.size();

@@ -37,7 +37,7 @@ std::size_t openfoam_point_count(const FoamFiles::Part& points);
 
 /// Whether the path is a folder with a polyMesh, the `points` of one, or a time or region folder of a case.
 bool is_openfoam(const std::filesystem::path& path);
-/// Of a path that is not is_openfoam(): throws Error(invalid_argument) if it is a folder, saying whether it is a case of several
+/// For a path that is not is_openfoam(): throws Error(invalid_argument) if it is a folder, saying whether it is a case of several
 /// regions or of collated parts, and Error(not_found) if nothing is there and the name is that of no format.
 void explain_no_mesh(const std::filesystem::path& path);
 /// Throws Error(invalid_argument) if a mesh written to `output` would not be found there again: a case instead of one of its time

@@ -26,7 +26,7 @@ inline bool same_kind(Kind truth, PrimitiveKind found) {
   return truth != Kind::none && static_cast<int>(truth) == static_cast<int>(found);
 }
 
-/// Of a mesh of triangles: every truth of more than 1 % of the area has its primitive, nothing else is found, and 98 % of the
+/// For a mesh of triangles: every truth of more than 1 % of the area has its primitive, nothing else is found, and 98 % of the
 /// faces are labelled right (those of truths that are too small to be found belong to nothing). Negative: sizes are not compared.
 inline void expect_found(const Part& part, const Detection& found, const std::string& what, double size_tolerance) {
   SCOPED_TRACE(what);

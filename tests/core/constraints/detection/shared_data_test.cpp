@@ -215,7 +215,7 @@ TEST_P(CadParts, AreFoundAsTheCadFileSays) {
   part.mesh = *io::read_mesh_file(path)->mesh();
   const std::map<Corners, int> entity = entities(io::read_file(path));
   ASSERT_EQ(entity.size(), part.mesh.face_count());
-  // Of the planes and cylinders the flat faces are the planes; their numbers are those of the CAD file.
+  // The flat faces are the planes among planes and cylinders; their numbers are those of the CAD file.
   const std::string cad = io::read_file(data / "D_cad" / cad_name);
   const auto uses = [&](const std::string& pattern) {
     const std::regex regex(pattern);

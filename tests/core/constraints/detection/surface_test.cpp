@@ -346,7 +346,7 @@ TEST(Evidence, TellsNoiseFromAnotherShape) {
   off.rms = detection::rms_distance(off.shape, noise.surface.data(off.faces, 100000));
   EXPECT_FALSE(detection::noisy(noise.surface, limits_of(0.03), off.shape, off.faces));
   EXPECT_FALSE(detection::convincing(noise.surface, limits_of(0.03), off));
-  // Of few points nobody can tell; their distance must be small then.
+  // Few points do not decide it; their distance must be small then.
   const Patch few(turn, 1e-3, 4);
   EXPECT_TRUE(detection::noisy(few.surface, limits, off.shape, few.region.faces));
   Region coarse = few.region;

@@ -177,7 +177,7 @@ void expect_own_image(const Mesh& cage, const CagePlane& plane) {
   }
 }
 
-/// Of a half model: all that is promised of a cage around the whole model, and that it is its own mirror image.
+/// The cage of a half model: all that is promised of a cage around the whole model, and that it is its own mirror image.
 void expect_half_cage(const CageAround& cage, const Mesh& half, const std::vector<CagePlane>& planes, std::size_t points) {
   Mesh whole = half;
   for (const CagePlane& plane : planes) {
@@ -396,7 +396,7 @@ void for_each_division(const Vec3& sides, std::size_t most, const Use& use) {
   for (std::size_t i = 1; i <= most; ++i) {
     for (std::size_t j = 1; j <= most; ++j) {
       for (std::size_t k = 1; k <= most; ++k) {
-        // Of the (i + 1)(j + 1)(k + 1) points of the whole lattice those inside are none.
+        // Those of the (i + 1)(j + 1)(k + 1) points of the whole lattice that are inside are none of its.
         const std::size_t points = (i + 1) * (j + 1) * (k + 1) - (i - 1) * (j - 1) * (k - 1);
         const std::array<double, 3> lengths{sides[0] / static_cast<double>(i), sides[1] / static_cast<double>(j),
                                             sides[2] / static_cast<double>(k)};
@@ -445,7 +445,7 @@ TEST(CageAround, BoxesHaveTheSquarestRectanglesOfAll) {
   EXPECT_GE(made, 12u);
 }
 
-// Of all divisions that are even along the axes across the planes, too.
+// All divisions that are even along the axes across the planes, too.
 TEST(CageAround, BoxesOfSymmetricModelsAreTheirOwnMirrorImages) {
   const Mesh car = ahmed_body({.target_points = 2000}), ball = test::sphere(1, 4);
   for (const Mesh* mesh : {&car, &ball}) {

@@ -33,7 +33,7 @@ struct Quadric {
   }
 };
 
-/// Of the plane through p with the area normal n.
+/// The quadric of the plane through p with the area normal n.
 Quadric plane_quadric(const Vec3& n, const Vec3& p) {
   const double area = length(n);
   if (area == 0) return {};

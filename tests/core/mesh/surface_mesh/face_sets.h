@@ -27,7 +27,7 @@ struct FaceSets {
 
 FaceSets face_sets(const SurfaceMesh& mesh);
 
-/// Of every directed edge the face along it. Nothing when an edge has two faces on one side, or a face fewer than three corners
+/// The face along every directed edge. Nothing when an edge has two faces on one side, or a face fewer than three corners
 /// or one twice.
 std::optional<std::map<std::pair<std::uint32_t, std::uint32_t>, Corners>> directed_edges(const FaceSets& sets);
 

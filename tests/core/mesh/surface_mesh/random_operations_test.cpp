@@ -90,7 +90,7 @@ class RandomOperations {
     for (const VertexHandle v : mesh_.vertices(f)) found.push_back(v.index());
     return test::canonical(found);
   }
-  /// Of the model: the face along a -> b, or nothing.
+  /// The face of the model along a -> b, or nothing.
   Corners along(std::uint32_t a, std::uint32_t b) const {
     const auto edges = *test::directed_edges(model_);
     const auto found = edges.find({a, b});

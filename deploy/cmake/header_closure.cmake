@@ -1,0 +1,21 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+# deform_header_closure(RESULT SOURCE HEADER...): headers of the project and all headers of the project that they include, by their paths from
+# SOURCE, the root of the repository.
+function(deform_header_closure result source)
+  set(waiting ${ARGN})
+  set(found "")
+  while(waiting)
+    list(POP_FRONT waiting header)
+    if(header IN_LIST found)
+      continue()
+    endif()
+    list(APPEND found ${header})
+    file(READ ${source}/${header} text)
+    string(REGEX MATCHALL "#include \"(core|client)/[^\"]+\"" includes "${text}")
+    foreach(include IN LISTS includes)
+      string(REGEX REPLACE "#include \"(.*)\"" "\\1" include ${include})
+      list(APPEND waiting ${include})
+    endforeach()
+  endwhile()
+  set(${result} ${found} PARENT_SCOPE)
+endfunction()
