@@ -62,6 +62,7 @@ class Error : public std::runtime_error {
     error.refusal_ = reason;
     return error;
   }
+  /// What there was too little of, if it is a refusal.
   Refusal refusal() const { return refusal_; }
   /// The words for clients: what(), unless with_public_message() gave it other words.
   const char* public_message() const { return public_ ? public_->c_str() : what(); }

@@ -121,6 +121,7 @@ TEST_F(Options, EveryOptionCanBeSetInEveryWay) {
                                                      {"max-running-requests", "21"},
                                                      {"max-setup-bytes", "6MiB"},
                                                      {"max-buffered-bytes", "5MiB"},
+                                                     {"max-calls", "35"},
                                                      {"call-threads", "22"},
                                                      {"max-waiting-calls", "23"},
                                                      {"grace", "24"},
