@@ -22,6 +22,7 @@ sys.path[:0] = [os.path.join(os.path.dirname(HERE), "end_to_end"), os.path.join(
 from deform.v1 import deformation_pb2, geometry_pb2, service_pb2, service_pb2_grpc, setup_pb2  # noqa: E402
 from harness import Server  # noqa: E402
 from honest import until_answered  # noqa: E402
+from relay import Relay  # noqa: E402
 from wire_client import SETUP, Plate  # noqa: E402
 
 MIB = 1 << 20
@@ -92,14 +93,19 @@ class Attack(unittest.TestCase):
         self.watcher.start()
         self.honest = Honest(self.server.address, self.request)
 
-    def channel(self):
-        """A connection of its own."""
-        channel = grpc.insecure_channel(self.server.address, CHANNEL)
+    def channel(self, host=None):
+        """A connection of its own; from another address of this machine, it is one of another client."""
+        address = self.server.address
+        if host is not None:
+            relay = Relay(self.server.port, host)
+            self.addCleanup(relay.close)
+            address = relay.address
+        channel = grpc.insecure_channel(address, CHANNEL)
         self.connections.append(channel)
         return channel
 
-    def stub(self):
-        return service_pb2_grpc.DeformServiceStub(self.channel())
+    def stub(self, host=None):
+        return service_pb2_grpc.DeformServiceStub(self.channel(host))
 
     def watch(self):
         while not self.watching.wait(0.01):

@@ -221,7 +221,7 @@ class LongWork(Attack):
     def test_estimates_of_one_do_not_keep_those_of_others_waiting(self):
         """One client asks for 60 that take most of a second each and for 4 that take longer; another asks one after the other."""
         large = register_large(self.stub())
-        greedy, modest = self.stub(), self.stub()
+        greedy, modest = self.stub(), self.stub("127.0.0.3")
         many = [self.of_spheres(large.id, 5000 + i) for i in range(4)] + [self.of_spheres(large.id, 500 + i) for i in range(60)]
         calls = [greedy.Estimate.future(deformation_pb2.EstimateRequest(setup=setup), timeout=20) for setup in many]
         time.sleep(1)
