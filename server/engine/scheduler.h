@@ -21,9 +21,8 @@ namespace deform::server {
 ///   start        the first piece of a request; waits in a bounded place, see below; begins only while fewer than
 ///                `running_limit` requests are running, so that requests are finished rather than all begun
 ///   step         a further, short piece of a running request; first come, first served, so running requests share the workers
-///   preparation  what takes long: of a system, and whatever else is no matter of milliseconds; has threads of its own, so that
-///   it
-///                never keeps a step waiting; one of them takes only short preparations, so that these never wait for long ones
+///   preparation  a system, and whatever else is no matter of milliseconds; has threads of its own, so that it never keeps a
+///                step waiting; one of them takes only short preparations, so that these never wait for long ones
 ///
 /// Starts, short preparations and long ones are each taken in the order of a FairQueue.
 ///
