@@ -110,8 +110,8 @@ class DeformJob {
 class EvaluateJob {
  public:
   virtual ~EvaluateJob() = default;
-  /// Whether there is room for a block: after the first reply, and again whenever poll() gave a block. Called by the
-  /// thread that adds.
+  /// Whether there is room for a block: after the first reply, and again whenever poll() gave a block. One call at a
+  /// time.
   virtual bool has_room() = 0;
   /// The next block. Throws Error(invalid_argument) naming it and the limit; the job has to be cancelled then.
   virtual void add(v1::Block&& block) = 0;
