@@ -48,17 +48,19 @@ void let_in(ThreadPool& pool, ThreadPool::Task task) {
 
 // ---- LiveCalls ----
 
-void LiveCalls::enter(const std::string& client) {
+void LiveCalls::enter(const std::string& client, Stop stop) {
   const std::lock_guard lock(mutex_);
   ++count_;
+  if (stop == Stop::waits) ++awaited_;
   ++of_clients_[client];
 }
 
-void LiveCalls::leave(const std::string& client) {
+void LiveCalls::leave(const std::string& client, Stop stop) {
   const std::lock_guard lock(mutex_);
   const auto own = of_clients_.find(client);
   if (--own->second == 0) of_clients_.erase(own);
-  if (--count_ == 0) changed_.notify_all();
+  --count_;
+  if (stop == Stop::waits && --awaited_ == 0) changed_.notify_all();
 }
 
 void LiveCalls::check(const std::string& client) const {
@@ -77,7 +79,7 @@ void LiveCalls::check(const std::string& client) const {
 
 bool LiveCalls::wait_for_none(std::chrono::steady_clock::time_point deadline) {
   std::unique_lock lock(mutex_);
-  return changed_.wait_until(lock, deadline, [this] { return count_ == 0; });
+  return changed_.wait_until(lock, deadline, [this] { return awaited_ == 0; });
 }
 
 // ---- CallScope ----

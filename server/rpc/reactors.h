@@ -46,12 +46,15 @@ class LiveCalls {
   /// `limit`: of all together; 0: none.
   explicit LiveCalls(std::size_t limit) : limit_(limit) {}
 
-  void enter(const std::string& client);
-  void leave(const std::string& client);
+  /// Whether a server that stops waits for the call to end by itself.
+  enum class Stop { waits, cuts_off };
+
+  void enter(const std::string& client, Stop stop = Stop::waits);
+  void leave(const std::string& client, Stop stop = Stop::waits);
   /// Throws Error(out_of_budget) with a retry hint when there are more than the limit, or of this client more than four times
   /// what is left, by the rule that connections and places in the queue have: so there is room for the next client.
   void check(const std::string& client) const;
-  /// True when none is left, false when the time is over first.
+  /// True when none that is waited for is left, false when the time is over first.
   bool wait_for_none(std::chrono::steady_clock::time_point deadline);
 
  private:
@@ -60,6 +63,7 @@ class LiveCalls {
   std::condition_variable changed_;
   // under mutex_
   std::size_t count_ = 0;
+  std::size_t awaited_ = 0;
   std::unordered_map<std::string, std::size_t> of_clients_;
 };
 

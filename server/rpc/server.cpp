@@ -7,7 +7,6 @@
 #include <grpcpp/ext/proto_server_reflection_plugin.h>
 #include <grpcpp/generic/generic_stub.h>
 #include <grpcpp/grpcpp.h>
-#include <grpcpp/health_check_service_interface.h>
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
@@ -54,6 +53,7 @@ constexpr std::size_t most_looked_at = 32;
 constexpr char resets[] = "it begins calls and resets them";
 /// For the last messages to leave.
 constexpr std::chrono::milliseconds last_words{250};
+constexpr int reflection_threads = 16;
 /// For a connection to speak HTTP/2 (and TLS).
 constexpr std::chrono::seconds handshake_time{20};
 
@@ -110,7 +110,7 @@ void set_up_libraries() {
       const bool secret = lower_case(entry->message).find("authorization") != std::string::npos;
       log_library(level, secret ? "(a message about authorization)" : escaped(entry->message, 500));
     });
-    grpc::EnableDefaultHealthCheckService(true);
+    grpc::EnableDefaultHealthCheckService(false);  // ours bounds the calls that stay open
     grpc::reflection::InitProtoReflectionServerBuilderPlugin();
   });
 }
@@ -162,6 +162,7 @@ class GrpcServer final : public RunningServer {
          [this](const v1::SetLimitRequest& request) { return limits_.set(request.name(), request.value()); }});
     builder.RegisterService(&service_.grpc_service());
     builder.RegisterService(&service_.admin_service());
+    builder.RegisterService(&service_.health().grpc_service());
     server_ = builder.BuildAndStart();
     if (!server_) throw Error(ErrorCode::internal, "gRPC does not start a server");
     if (listener_) {
@@ -206,6 +207,7 @@ class GrpcServer final : public RunningServer {
     stopping_changed_.notify_all();
     watch_.join();
     set_serving(false, false);
+    service_.health().end_watches();
     service_.drain();
     clean_ = engine_->drain(grace);
     clean_ = service_.wait_for_none(deadline) && clean_;
@@ -222,6 +224,8 @@ class GrpcServer final : public RunningServer {
  private:
   static void configure(grpc::ServerBuilder& builder, const ServerOptions& options) {
     if (options.reflection == Reflection::off) builder.SetOption(std::make_unique<WithoutReflection>());
+    // Each call of gRPC's own reflection has a thread until it ends; nothing else of this server is served so.
+    builder.SetResourceQuota(grpc::ResourceQuota().SetMaxThreads(reflection_threads));
     builder.SetDefaultCompressionAlgorithm(GRPC_COMPRESS_NONE);  // blocks are compressed already
     // The receive limit stays at gRPC's 4 MiB: the contract allows 1 MiB.
     builder.AddChannelArgument(GRPC_ARG_MAX_CONCURRENT_STREAMS, options.max_calls_per_connection);
@@ -244,11 +248,10 @@ class GrpcServer final : public RunningServer {
   }
 
   void set_serving(bool serving, bool writable) {
-    grpc::HealthCheckServiceInterface* health = server_->GetHealthCheckService();
-    if (health == nullptr) return;
-    health->SetServingStatus(serving);
-    health->SetServingStatus(service_name, serving);
-    health->SetServingStatus(write_service_name, serving && writable);
+    HealthService& health = service_.health();
+    health.set_serving("", serving);
+    health.set_serving(service_name, serving);
+    health.set_serving(write_service_name, serving && writable);
   }
 
   /// The operator sends clients elsewhere, or takes them again.
@@ -496,7 +499,7 @@ class GrpcServer final : public RunningServer {
         spdlog::error("store: geometries and setups can only be deleted: {}", store.reason());
       }
       const std::lock_guard drain_lock(drain_mutex_);
-      if (auto* health = server_->GetHealthCheckService()) health->SetServingStatus(write_service_name, writable && !drained_);
+      service_.health().set_serving(write_service_name, writable && !drained_);
     }
   }
 

@@ -89,6 +89,7 @@ class DeformService::Methods final : public RawService {
         access_(options.access),
         held_(held_limit(engine.info().memory_budget())),
         live_(call_limit(options.max_calls, engine.info().memory_budget())),
+        health_(live_, floods_),
         pool_(options.call_threads, options.waiting_calls),
         transfers_(options.call_threads, options.waiting_calls),
         admin_(engine, calls_,
@@ -102,6 +103,7 @@ class DeformService::Methods final : public RawService {
     if (options_.stall_timeout.count() > 0) calls_.end_stalled(options_.stall_timeout);
   }
   AdminService& admin() { return admin_; }
+  HealthService& health() { return health_; }
   void set_memory_full(bool full) { memory_full_ = full; }
   void on_flood(std::function<void(const std::string&)> action) { floods_.on_flood(std::move(action)); }
   bool memory_full() const { return memory_full_; }
@@ -296,6 +298,7 @@ class DeformService::Methods final : public RawService {
   RequestRates rates_;
   TenantMeters in_flight_;
   LiveCalls live_;
+  HealthService health_;
   std::mutex streams_mutex_;
   // under streams_mutex_
   std::map<DeformStreamCall*, std::weak_ptr<DeformStreamCall>> streams_;
@@ -350,6 +353,7 @@ DeformService::DeformService(Engine& engine, const ServiceOptions& options)
 DeformService::~DeformService() = default;
 grpc::Service& DeformService::grpc_service() { return *methods_; }
 grpc::Service& DeformService::admin_service() { return methods_->admin().grpc_service(); }
+HealthService& DeformService::health() { return methods_->health(); }
 void DeformService::set_admin_actions(AdminActions actions) { methods_->admin().set_actions(std::move(actions)); }
 void DeformService::drain() { methods_->drain(); }
 void DeformService::set_draining(bool draining) { methods_->set_draining(draining); }

@@ -10,6 +10,7 @@
 #include "server/engine/engine.h"
 #include "server/rpc/access.h"
 #include "server/rpc/admin_service.h"
+#include "server/rpc/health_service.h"
 #include "server/rpc/metrics.h"
 #include "server/rpc/streams/service_requests.h"
 
@@ -45,6 +46,8 @@ class DeformService {
   /// To register with a server builder: the service, and the one for the operator.
   grpc::Service& grpc_service();
   grpc::Service& admin_service();
+  /// The health of all services, to register as well.
+  HealthService& health();
   /// What that one does to the server around. Before the first call.
   void set_admin_actions(AdminActions actions);
 

@@ -30,8 +30,10 @@ def literal(name, value, indexed=False):
 
 
 def call_headers(method):
+    """Those of METHOD of deform.v1.DeformService, or of SERVICE/METHOD."""
+    path = method if "/" in method else "deform.v1.DeformService/" + method
     return b"".join(literal(name, value) for name, value in (
-        (":method", "POST"), (":scheme", "http"), (":path", "/deform.v1.DeformService/" + method), (":authority", "x"),
+        (":method", "POST"), (":scheme", "http"), (":path", "/" + path), (":authority", "x"),
         ("te", "trailers"), ("content-type", "application/grpc")))
 
 

@@ -589,18 +589,42 @@ class Frames(Attack):
             out.append(http2.frame(http2.RST_STREAM, 0, stream, struct.pack(">I", 8)))
         return b"".join(out)
 
-    def test_streams_that_rest(self):
-        """20,000 calls that begin and say nothing."""
-        headers, begun = http2.call_headers("DeformStream"), []
+    def begin_calls(self, method, message=None):
+        """20,000 calls that say nothing more than that message."""
+        headers, begun = http2.call_headers(method), []
+
+        def call(stream):
+            said = http2.frame(http2.HEADERS, http2.END_HEADERS, stream, headers)
+            if message is not None:
+                said += http2.frame(http2.DATA, http2.END_STREAM, stream, struct.pack(">BI", 0, len(message)) + message)
+            return said
+
         for _ in range(20):
             connection = http2.Connection(self.server.port)
             self.connections.append(connection)
-            begun.append(connection.send(b"".join(
-                http2.frame(http2.HEADERS, http2.END_HEADERS, connection.next_stream(), headers) for _ in range(1000))))
+            begun.append(connection.send(b"".join(call(connection.next_stream()) for _ in range(1000))))
             time.sleep(0.2)
             connection.drop_replies()
         time.sleep(2)
         self.assertEqual(begun, [True] * 20)
+
+    def test_streams_that_rest(self):
+        self.begin_calls("DeformStream")
+
+    def test_watches_of_health_that_rest(self):
+        self.begin_calls("grpc.health.v1.Health/Watch", message=b"")
+
+    def test_reflection_that_rests(self):
+        self.begin_calls("grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo")
+        with open(f"/proc/{self.server.process.pid}/status") as status:
+            threads = next(int(line.split()[1]) for line in status if line.startswith("Threads"))
+        self.assertLess(threads, 200)
+        for connection in self.connections:
+            connection.close()
+        ask = self.channel().stream_stream("/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo")
+        list_services = b"\x3a\x01*"
+        replies = until_answered(lambda: list(ask(iter([list_services]), timeout=10)), reconnects=3)
+        self.assertIn(b"deform.v1.DeformService", replies[0])
 
     def flood_call(self, method, flags, frames):
         """Each connection begins one call, then sends what frames(connection) gives."""

@@ -3,6 +3,7 @@
 deform_test(service_test
   SOURCES access_test.cpp
           admin_test.cpp
+          health_service_test.cpp
           held_requests_test.cpp
           identities_test.cpp
           listener_test.cpp
@@ -19,7 +20,7 @@ deform_test(service_test
           service_unary_test.cpp
           service_uploads_test.cpp
           status_test.cpp
-  LIBS deform_test_server
+  LIBS deform_test_server deform_proto_health
   TIMEOUT 120)
 target_compile_definitions(service_test PRIVATE DEFORM_WITH_POSTGRES=$<BOOL:${DEFORM_WITH_POSTGRES}>)
 deform_precompile(service_test <gmock/gmock.h> <gtest/gtest.h> <tests/server/service_fixture.h>)

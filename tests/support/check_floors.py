@@ -74,7 +74,7 @@ FLOORS = {
     "server/store": ["core/base", "core/codec", "core/mesh", "proto/convert", "proto/convert/mesh", "deform/v1"],
     "server/engine": ["core/base", "core/codec", "core/compiled", "core/mesh", "core/quality", "core/constraints", "core/constraints/detection",
                       "core/deformers", "proto/convert", "proto/convert/base", "deform/v1", "server/store"],
-    "server/rpc": ["core/base", "core/codec", "proto/convert/base", "deform/v1", "server/engine"],
+    "server/rpc": ["core/base", "core/codec", "proto/convert/base", "deform/v1", "grpc/health/v1", "server/engine"],
     # main() chooses the kernels of dense systems.
     "server": ["core/base", "core/base/commit", "core/numerics", "server/store", "server/engine", "server/rpc"],
     "client": ["core/base", "core/codec", "proto/convert/base", "deform/v1"],
