@@ -129,8 +129,8 @@ def complaint(folder, header, quoted):
             return f"{folder} must not know {header}, only {', '.join(folders)}"
     if not quoted:
         return None
-    if header.startswith("deform/v1/"):
-        target = "deform/v1"
+    if header.startswith(("deform/v1/", "grpc/health/v1/")):
+        target = posixpath.dirname(header)
     elif "/" not in header or header.startswith("."):
         return f'"{header}": includes start at the root of the repository'
     else:
