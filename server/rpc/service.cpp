@@ -255,6 +255,7 @@ class DeformService::Methods final : public RawService {
     call.needed = needed;
     call.live = &live_;
     call.access = &access_;
+    call.proxies = &options_.proxies;
     call.memory_full = &memory_full_;
     call.draining = &refusing_;
     call.calls = &calls_;
