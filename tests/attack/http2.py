@@ -65,6 +65,23 @@ class Connection:
         except OSError:
             return False
 
+    def wait_for_end(self, stream):
+        """Until the other side has said all of this stream. Raises OSError when it closes the connection before."""
+        while True:
+            head = self.read(9)
+            self.read(int.from_bytes(head[:3], "big"))
+            if int.from_bytes(head[5:9], "big") == stream and head[3] in (DATA, HEADERS) and head[4] & END_STREAM:
+                return
+
+    def read(self, count):
+        data = bytearray()
+        while len(data) < count:
+            more = self.socket.recv(count - len(data))
+            if not more:
+                raise ConnectionResetError("closed")
+            data += more
+        return bytes(data)
+
     def drop_replies(self):
         """Whether the other side has closed the connection; what it sent is dropped."""
         self.socket.settimeout(0)

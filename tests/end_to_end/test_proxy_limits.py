@@ -24,6 +24,12 @@ import http2  # noqa: E402
 ATTACKER, HONEST = "127.0.0.2", "127.0.0.3"
 
 
+def call(stream):
+    """An empty request of GetServerInfo."""
+    return (http2.frame(http2.HEADERS, http2.END_HEADERS, stream, http2.call_headers("GetServerInfo")) +
+            http2.frame(http2.DATA, http2.END_STREAM, stream, bytes(5)))
+
+
 @unittest.skipUnless(shutil.which("haproxy"), "haproxy is not installed")
 class Limits(BehindProxy):
     def options_of(self, number):
@@ -110,12 +116,7 @@ class Limits(BehindProxy):
 
     def test_calls_without_waiting_for_answers(self):
         def make(connection):
-            headers, out = http2.call_headers("GetServerInfo"), []
-            for _ in range(500):
-                stream = connection.next_stream()
-                out.append(http2.frame(http2.HEADERS, http2.END_HEADERS, stream, headers))
-                out.append(http2.frame(http2.DATA, http2.END_STREAM, stream, bytes(5)))
-            return b"".join(out)
+            return b"".join(call(connection.next_stream()) for _ in range(500))
 
         for cut_off, _ in self.besides(self.flood(make), 8):
             self.assertGreater(cut_off, 1)
@@ -137,6 +138,25 @@ class Limits(BehindProxy):
 
         self.wait_until(lambda: sum(map(closed, held)) >= 44, "those beyond the limit are closed")
         self.assertEqual(sum(map(closed, held)), 44)
+        self.honest_round()
+
+    def test_connections_one_after_the_other(self):
+        """2000 within 10 s are taken; whoever goes on is turned away until they are fewer."""
+
+        def turned_away():
+            with socket.create_connection(("127.0.0.1", self.port), source_address=(ATTACKER, 0)) as one:
+                one.settimeout(0.05)
+                try:
+                    return one.recv(1) == b""
+                except TimeoutError:
+                    return False
+                except OSError:
+                    return True
+
+        self.assertFalse(turned_away())
+        for _ in range(3000):
+            socket.create_connection(("127.0.0.1", self.port), source_address=(ATTACKER, 0)).close()
+        self.assertTrue(turned_away())
         self.honest_round()
 
     def test_headers_that_take_long(self):
@@ -171,6 +191,23 @@ class Limits(BehindProxy):
 
 
 @unittest.skipUnless(shutil.which("haproxy"), "haproxy is not installed")
+class FewWithoutAnswer(BehindProxy):
+    """With a limit of three calls in a second that are not answered."""
+
+    def proxy_configuration(self, text):
+        self.assertIn(" gt 400 ", text)
+        return text.replace(" gt 400 ", " gt 3 ")
+
+    def test_answers_make_room(self):
+        connection = http2.Connection(self.port)
+        self.addCleanup(connection.close)
+        for _ in range(20):
+            stream = connection.next_stream()
+            connection.send(call(stream))
+            connection.wait_for_end(stream)
+
+
+@unittest.skipUnless(shutil.which("haproxy"), "haproxy is not installed")
 class FewCalls(BehindProxy):
     """More calls than this machine could make: with a limit of three in a second."""
 
@@ -182,8 +219,7 @@ class FewCalls(BehindProxy):
         connection = http2.Connection(self.port)
         self.addCleanup(connection.close)
         for stream in range(1, 20, 2):
-            connection.send(http2.frame(http2.HEADERS, http2.END_HEADERS, stream, http2.call_headers("GetServerInfo")) +
-                            http2.frame(http2.DATA, http2.END_STREAM, stream, bytes(5)))
+            connection.send(call(stream))
         replies = bytearray()
         connection.socket.settimeout(10)
         while b"too many calls from this address" not in replies:
