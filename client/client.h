@@ -13,6 +13,7 @@
 #include <string>
 #include <vector>
 
+#include "client/call_error.h"
 #include "core/base/error.h"
 #include "core/base/run_context.h"
 #include "core/base/types.h"

@@ -5,10 +5,12 @@
 #include <cstdlib>
 #include <cstring>
 #include <optional>
+#include <random>
 #include <string_view>
 #include <utility>
 
 #include "client/address.h"
+#include "client/call_error.h"
 #include "client/credentials.h"
 #include "client/large_setups.h"
 #include "client/upload.h"
@@ -37,6 +39,14 @@ std::string environment_trace() {
   return printable ? std::string(text) : std::string();
 }
 
+/// 12 hexadecimal digits.
+std::string random_id() {
+  std::random_device random;
+  std::string id;
+  for (int i = 0; i < 12; ++i) id += "0123456789abcdef"[random() % 16];
+  return id;
+}
+
 ClientOptions with_encoding(ClientOptions options) {
   if (options.encoding == v1::ENCODING_DEFAULT) options.encoding = encoding_for(options.address);
   return options;
@@ -48,6 +58,7 @@ Connection::Connection(std::vector<std::unique_ptr<Server>> servers_in, const Cl
     : options(with_encoding(options_in)),
       servers(std::move(servers_in)),
       traceparent(environment_trace()),
+      client_id(random_id()),
       pool(options_in.decode_threads) {}
 
 v1::DeformRequest Connection::named(v1::DeformRequest request) const {
@@ -104,13 +115,19 @@ CallOptions remaining(const RunContext& limits) {
   return options;
 }
 
-Attempt::Attempt(Connection& connection, const RunContext& limits, Server& server, const std::string& geometry)
-    : connection_(connection), server_(server), stopped_(limits.stop, [this] { cancel(); }) {
+Attempt::Attempt(Connection& connection, const RunContext& limits, Server& server, AttemptMarks marks)
+    : connection_(connection),
+      limits_(limits),
+      server_(server),
+      geometry_(std::move(marks.geometry)),
+      request_id_(std::move(marks.request_id)),
+      stopped_(limits.stop, [this] { cancel(); }) {
   if (const auto& file = connection.options.token_file; !file.empty()) {
     context.AddMetadata("authorization", "Bearer " + read_token(file));
   }
   if (!connection.traceparent.empty()) context.AddMetadata("traceparent", connection.traceparent);
-  if (is_id(geometry)) context.AddMetadata("x-geometry-id", geometry);
+  context.AddMetadata("x-request-id", request_id_);
+  if (is_id(geometry_)) context.AddMetadata("x-geometry-id", geometry_);
   if (limits.deadline) {
     context.set_deadline(std::chrono::system_clock::now() + std::chrono::duration_cast<std::chrono::system_clock::duration>(
                                                                 *limits.deadline - RunContext::Clock::now()));
@@ -126,14 +143,16 @@ void Attempt::check(const grpc::Status& status) const {
   if (status.ok()) return;
   const bool bare = status.error_message().empty() || status.error_message() == "CANCELLED";
   if (status.error_code() == grpc::StatusCode::CANCELLED && bare && !cancelled_) {
-    throw Error(ErrorCode::unavailable, "deformd at " + server_.address + " cut the call off, as it does when it shuts down");
+    throw CallError(
+        Error(ErrorCode::unavailable, "deformd at " + server_.address + " cut the call off, as it does when it shuts down"),
+        request_id_);
   }
   const ClientOptions& options = connection_.options;
   if (connection_.own_channel && failed_handshake(status)) {
     const std::string why = tls_failure(server_.address, options.tls, std::min(options.connect_timeout, longest_probe));
     if (!why.empty()) throw Error(ErrorCode::failed_precondition, why);
   }
-  throw_error(status, context, server_.address);
+  throw_error(status, context, server_.address, request_id_);
 }
 
 namespace {
@@ -177,16 +196,40 @@ std::shared_ptr<const Points> Connection::registered_points(const std::string& g
   return points.get(geometry_id, limits, [&] { return fetch_points(*this, geometry_id, remaining(limits)); });
 }
 
+namespace {
+
+/// The server's answer to an upload that was cut short. A request of a header alone has come as a whole when it is refused, so
+/// that a proxy hands the answer on. Where the header is taken the rest was not, or the connection was lost.
+v1::GeometryInfo ask_by_header(const Attempt& attempt, const grpc::Status& status, const v1::RegisterGeometryRequest& header) {
+  Attempt asking = attempt.another();
+  v1::GeometryInfo info;
+  const auto stream = asking.stub().RegisterGeometry(&asking.context, &info);
+  stream->Write(header, grpc::WriteOptions().set_last_message());
+  const grpc::Status answer = stream->Finish();
+  if (answer.error_code() == grpc::StatusCode::INVALID_ARGUMENT) attempt.check(status);
+  asking.check(answer);
+  return info;
+}
+
+}  // namespace
+
 v1::GeometryInfo upload(Attempt& attempt, const GeometryArrays& arrays, const std::string& id,
                         const std::function<void(double)>& on_progress) {
   v1::GeometryInfo info;
   const auto stream = attempt.stub().RegisterGeometry(&attempt.context, &info);
   GeometryMessages messages(arrays, id);
   bool sent = false;
-  write_all(attempt, *stream, [&](v1::RegisterGeometryRequest& message) {
+  const grpc::Status status = write_to_end(*stream, [&](v1::RegisterGeometryRequest& message) {
     if (on_progress && sent) on_progress(messages.fraction());
     return sent = messages.next(message);
   });
+  if (cut_short(status)) {
+    v1::RegisterGeometryRequest header;
+    GeometryMessages(arrays, id).next(header);
+    info = ask_by_header(attempt, status, header);
+  } else {
+    attempt.check(status);
+  }
   if (info.id() != id) {
     throw Error(ErrorCode::data_loss, "geometry: the server stored id " + info.id() + ", the arrays have " + id);
   }
@@ -224,19 +267,19 @@ void Connection::bring(Server& server, const Subject& subject, const std::string
     v1::GetGeometryRequest request;
     request.set_id(geometry);
     v1::GeometryInfo info;
-    Attempt look(*this, limits, server, geometry);
+    Attempt look(*this, limits, server, {geometry, new_request_id()});
     const grpc::Status status = look.stub().GetGeometry(&look.context, request, &info);
     if (status.error_code() != grpc::StatusCode::NOT_FOUND) look.check(status);
     if (!status.ok() || !info.damage().empty()) {
       const auto own = points.get(geometry, limits, [&]() -> PointsCache::PointsPtr {
         throw Error(ErrorCode::not_found, "geometry " + geometry + ": it was deleted");
       });
-      Attempt attempt(*this, limits, server, geometry);
+      Attempt attempt(*this, limits, server, {geometry, new_request_id()});
       upload(attempt, arrays->arrays(*own), geometry, {});
     }
   }
   if (setup) {
-    Attempt attempt(*this, limits, server, geometry);
+    Attempt attempt(*this, limits, server, {geometry, new_request_id()});
     prepare(*this, attempt, limits, *setup, SetupInInfo::omit, {});
   }
 }

@@ -28,20 +28,24 @@ struct Connection {
   /// Over channels that exist; nothing is sent.
   Connection(std::vector<std::unique_ptr<Server>> servers_in, const ClientOptions& options_in);
 
-  const ClientOptions options;           ///< as given, but that `encoding` is named
-  const Servers servers;                 ///< at least one
-  const std::string traceparent;         ///< of the environment when the client was made, for every call
-  PointsCache points;                    ///< registered points that decoding needs
-  HeldCopies held;                       ///< where keeps_copies()
-  std::atomic<bool> own_channel{false};  ///< made for the addresses of the options
-  std::atomic<std::uint64_t> calls{0};   ///< so far; gives each call a seed of its own
-  std::atomic<bool> answered{false};     ///< a server has answered some call
-  IdMap<std::string> geometry_of;        ///< of systems, as far as it is known
-  IdMap<Server*> found_at;               ///< ids that a server knew and one that is asked before it did not
-  ThreadPool pool;                       ///< for decoding; last, so that its tasks end first
+  const ClientOptions options;                ///< as given, but that `encoding` is named
+  const Servers servers;                      ///< at least one
+  const std::string traceparent;              ///< of the environment when the client was made, for every call
+  const std::string client_id;                ///< at random, as no two clients may have the same
+  PointsCache points;                         ///< registered points that decoding needs
+  HeldCopies held;                            ///< where keeps_copies()
+  std::atomic<bool> own_channel{false};       ///< made for the addresses of the options
+  std::atomic<std::uint64_t> calls{0};        ///< so far; gives each call a seed of its own
+  std::atomic<std::uint64_t> request_ids{0};  ///< given so far
+  std::atomic<bool> answered{false};          ///< a server has answered some call
+  IdMap<std::string> geometry_of;             ///< of systems, as far as it is known
+  IdMap<Server*> found_at;                    ///< ids that a server knew and one that is asked before it did not
+  ThreadPool pool;                            ///< for decoding; last, so that its tasks end first
 
   /// Another server may answer the next call.
   bool keeps_copies() const { return servers.several() || options.replicas; }
+  /// For another call, to be found by in logs: CLIENT-NUMBER.
+  std::string new_request_id() { return client_id + "-" + std::to_string(++request_ids); }
   /// With the encoding named.
   v1::DeformRequest named(v1::DeformRequest request) const;
   /// The encoding itself, or that of the options in place of the default.
@@ -78,12 +82,17 @@ RunContext limits_of(const CallOptions& options);
 /// What is left of it, for a call inside.
 CallOptions remaining(const RunContext& limits);
 
+/// What the metadata of an attempt say for proxies and logs.
+struct AttemptMarks {
+  std::string geometry;    ///< id; empty: not known
+  std::string request_id;  ///< of the call
+};
+
 /// One attempt of a call at one server: its gRPC context with the deadline, cancelled at once when the caller stops it.
 class Attempt {
  public:
-  /// Sets the deadline and adds the token, and the id of the geometry where it is known; a stop of `limits` cancels the context
-  /// on the thread that asks for it.
-  Attempt(Connection& connection, const RunContext& limits, Server& server, const std::string& geometry = {});
+  /// Sets the deadline and adds the token and the marks; a stop of `limits` cancels the context on the thread that asks for it.
+  Attempt(Connection& connection, const RunContext& limits, Server& server, AttemptMarks marks);
   Attempt(const Attempt&) = delete;
   Attempt& operator=(const Attempt&) = delete;
 
@@ -91,8 +100,12 @@ class Attempt {
   v1::DeformService::StubInterface& stub() const { return *server_.stub; }
   /// That is asked.
   Server& server() const { return server_; }
+  /// The id of the call.
+  const std::string& request_id() const { return request_id_; }
   /// Ends the call: who waits for it gets Error(cancelled).
   void cancel();
+  /// Another one of the same call at the same server.
+  Attempt another() const { return {connection_, limits_, server_, {geometry_, request_id_}}; }
   /// Throws the Error of a status that is not OK. Where no connection came about, says why TLS failed if it did. What was not
   /// cancelled here was cut off by a server that shuts down: Error(unavailable).
   void check(const grpc::Status& status) const;
@@ -101,7 +114,9 @@ class Attempt {
 
  private:
   Connection& connection_;
+  const RunContext limits_;
   Server& server_;
+  const std::string geometry_, request_id_;
   std::atomic<bool> cancelled_{false};
   const std::stop_callback<std::function<void()>> stopped_;  ///< last: no longer runs when the context goes
 };
@@ -111,11 +126,12 @@ template <typename Body, typename MayRepeat>
 auto with_retries(Connection& connection, const Subject& subject, const CallOptions& options, Retry retry, const Body& body,
                   const MayRepeat& repeat) {
   const RunContext limits = limits_of(options);
+  const std::string request_id = connection.new_request_id();
   Route route(connection, subject, retry);
   while (true) {
     try {
       route.go(limits);
-      Attempt attempt(connection, limits, route.server(), route.geometry());
+      Attempt attempt(connection, limits, route.server(), {route.geometry(), request_id});
       auto result = body(attempt, limits);
       route.arrived();
       return result;
@@ -180,12 +196,18 @@ void read_all(Attempt& attempt, Stream& stream, const Take& take) {
 
 /// Writes messages as long as next(message) fills them and the server wants them: it may have heard enough, its status tells.
 template <typename Request, typename Next>
-void write_all(Attempt& attempt, grpc::ClientWriterInterface<Request>& stream, const Next& next) {
+grpc::Status write_to_end(grpc::ClientWriterInterface<Request>& stream, const Next& next) {
   Request message;
   while (next(message) && stream.Write(message)) {
   }
   stream.WritesDone();
-  attempt.check(stream.Finish());
+  return stream.Finish();
+}
+
+/// The same, and throws the Error of a status that is not OK.
+template <typename Request, typename Next>
+void write_all(Attempt& attempt, grpc::ClientWriterInterface<Request>& stream, const Next& next) {
+  attempt.check(write_to_end(stream, next));
 }
 
 /// One attempt of uploading a geometry. on_progress: fraction sent; may be empty.

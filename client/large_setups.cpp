@@ -63,7 +63,7 @@ v1::SystemInfo prepare(Connection& connection, Attempt& attempt, const RunContex
   write_setup<v1::PrepareLargeRequest>(*stream, request, setup);
   const grpc::Status status = read_system(attempt, *stream, system, on_progress);
   if (!takes_no_pieces(status)) return answer(attempt, status);
-  Attempt again(connection, limits, attempt.server(), setup.geometry());
+  Attempt again(connection, limits, attempt.server(), {setup.geometry(), attempt.request_id()});
   return whole(again);
 }
 
@@ -78,7 +78,7 @@ v1::EstimateReply estimate(Connection& connection, Attempt& attempt, const RunCo
   write_setup<v1::EstimateLargeRequest>(*stream, options, request.setup());
   const grpc::Status status = stream->Finish();
   if (takes_no_pieces(status)) {
-    Attempt again(connection, limits, attempt.server(), request.setup().geometry());
+    Attempt again(connection, limits, attempt.server(), {request.setup().geometry(), attempt.request_id()});
     return ask(again, &v1::DeformService::StubInterface::Estimate, request);
   }
   attempt.check(status);
@@ -96,7 +96,7 @@ v1::Setup fetch_setup(Connection& connection, const std::string& system_id, cons
     const auto stream = attempt.stub().GetSetup(&attempt.context, request);
     read_to_end<v1::SetupPiece>(attempt, *stream, status, [&](const v1::SetupPiece& piece) { bytes += piece.data(); });
     if (takes_no_pieces(status)) {
-      Attempt again(connection, limits, attempt.server());
+      Attempt again(connection, limits, attempt.server(), {{}, attempt.request_id()});
       v1::GetSystemRequest whole;
       whole.set_id(system_id);
       return std::move(*ask(again, &v1::DeformService::StubInterface::GetSystem, whole).mutable_setup());

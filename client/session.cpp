@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "client/call_error.h"
 #include "client/request_splitter.h"
 #include "client/spread_session.h"
 #include "proto/convert/base/error.h"
@@ -14,7 +15,7 @@ StreamSession::StreamSession(std::shared_ptr<Connection> connection, Server& ser
                              const std::string& geometry)
     : connection_(std::move(connection)),
       limits_(limits_of(options)),
-      attempt_(*connection_, limits_, server, geometry),
+      attempt_(*connection_, limits_, server, {geometry, connection_->new_request_id()}),
       stream_(attempt_.stub().DeformStream(&attempt_.context)) {
   reader_ = std::thread([this] { read(); });
   writer_ = std::thread([this] { write(); });
@@ -145,7 +146,7 @@ void StreamSession::route(v1::DeformReply&& reply) {
 }
 
 void StreamSession::refused(const OpenPtr& open, const v1::RequestError& message) {
-  const Error error = convert::error_from_proto(message);
+  const CallError error(convert::error_from_proto(message), attempt_.request_id());
   const auto wait = open->retry->next_wait(error);
   const auto then = RunContext::Clock::now() + wait.value_or(std::chrono::milliseconds(0));
   const bool too_late = limits_.deadline && then >= *limits_.deadline;

@@ -5,6 +5,7 @@
 #include <iterator>
 #include <string_view>
 
+#include "client/call_error.h"
 #include "proto/convert/base/error.h"
 
 namespace deform::client {
@@ -28,6 +29,7 @@ bool lost_stream(const grpc::Status& status) {
     case grpc::StatusCode::UNKNOWN:
       return message == "Stream removed";
     case grpc::StatusCode::INTERNAL:
+    case grpc::StatusCode::CANCELLED:  // by a proxy; what is cancelled here says something else
       return message.starts_with(reset);
     default:
       return false;
@@ -88,6 +90,10 @@ NotConnected unreached(const std::string& address, const std::string& message) {
 
 }  // namespace
 
+bool cut_short(const grpc::Status& status) {
+  return status.error_code() == grpc::StatusCode::CANCELLED && status.error_message().starts_with(reset);
+}
+
 bool failed_handshake(const grpc::Status& status) {
   const std::string message = status.error_message();
   if (status.error_code() != grpc::StatusCode::UNAVAILABLE || !not_connected(message)) return false;
@@ -95,11 +101,14 @@ bool failed_handshake(const grpc::Status& status) {
   return known == std::end(obstacles) || known->answered;
 }
 
-void throw_error(const grpc::Status& status, const grpc::ClientContext& context, const std::string& address) {
+void throw_error(const grpc::Status& status, const grpc::ClientContext& context, const std::string& address,
+                 const std::string& request_id) {
   const ErrorCode code = convert::error_code(static_cast<std::uint32_t>(status.error_code()));
   std::string message = status.error_message();
   if (code == ErrorCode::unavailable && not_connected(message)) throw unreached(address, message);
-  if (lost_stream(status)) throw Error(ErrorCode::unavailable, "lost the connection to deformd at " + address);
+  if (lost_stream(status)) {
+    throw CallError(Error(ErrorCode::unavailable, "lost the connection to deformd at " + address), request_id);
+  }
   if (message.starts_with(of_proxy)) {
     message = "a proxy answers at " + address + ", with HTTP status " + message.substr(of_proxy.size()) +
               ": it has no deformd that takes work, or refuses this client";
@@ -113,7 +122,7 @@ void throw_error(const grpc::Status& status, const grpc::ClientContext& context,
     message =
         "the server at " + address + " ended the call without a message (status " + std::to_string(status.error_code()) + ")";
   }
-  throw Error(code, message, retry_hint(context));
+  throw CallError(Error(code, message, retry_hint(context)), request_id);
 }
 
 }  // namespace deform::client

@@ -26,8 +26,13 @@ class NotConnected : public Error {
 /// time.
 bool failed_handshake(const grpc::Status& status);
 
+/// A proxy reset the call without a status: the server behind it went, or ended the call before all of the request had come, of
+/// which haproxy before 3.2 drops the status (its issue 1219).
+bool cut_short(const grpc::Status& status);
+
 /// Throws a status that is not OK as an Error with the server's message; the retry hint is read from the trailing metadata of the
-/// finished call. Where there was no connection to `address`, a NotConnected that says why.
-[[noreturn]] void throw_error(const grpc::Status& status, const grpc::ClientContext& context, const std::string& address);
+/// finished call. Where there was no connection to `address`, a NotConnected that says why; else a CallError with the id.
+[[noreturn]] void throw_error(const grpc::Status& status, const grpc::ClientContext& context, const std::string& address,
+                              const std::string& request_id);
 
 }  // namespace deform::client

@@ -7,6 +7,8 @@
 #include <string_view>
 #include <utility>
 
+#include "client/call_error.h"
+
 namespace deform::client {
 
 UnfinishedDesigns::UnfinishedDesigns(const v1::DeformRequest& request, const DesignSink& sink, const DesignMemory& memory)
@@ -49,7 +51,7 @@ DeformOutcome UnfinishedDesigns::ask_for_rest(const Send& send) {
   } catch (const Error& error) {
     const std::string message = with_places(error.what(), left_);
     if (message == error.what()) throw;
-    throw Error(error.code(), message, error.retry_after_ms());
+    throw_reworded(error, message);
   }
 }
 

@@ -101,6 +101,10 @@ void add_network_options(std::vector<Option>& all) {
       "identities",
       "who may call: lines \"NAME reader|user|owner|operator sha256:HASH\" of tokens or \"... certificate:NAME\"; reread",
       [](Configuration & c) -> auto& { return c.server.service.access.identities; }));
+  all.push_back({"trusted-proxies", "LIST",
+                 "addresses and networks of proxies, with commas, whose x-forwarded-for says which host calls",
+                 [](Configuration& c, const std::string& text) { c.server.service.proxies = TrustedProxies(text); },
+                 [](const Configuration& c) { return c.server.service.proxies.text(); }});
   all.push_back({"reflection", "on|off", "whether clients may ask for the contract (gRPC server reflection)",
                  [](Configuration& c, const std::string& text) {
                    c.server.reflection = parse_switch(text) ? Reflection::on : Reflection::off;

@@ -13,7 +13,6 @@
 #include "core/base/error.h"
 #include "grpc/health/v1/health.grpc.pb.h"
 #include "proto/convert/base/error.h"
-#include "server/rpc/peers.h"
 #include "server/rpc/status.h"
 
 namespace deform::server {
@@ -35,7 +34,7 @@ std::optional<Error> refused_name(const std::string& service) {
 
 class HealthService::Methods final : public health::Health::CallbackService {
  public:
-  Methods(LiveCalls& live, FloodGuard& floods) : live_(live), floods_(floods) {}
+  Methods(LiveCalls& live, FloodGuard& floods, const TrustedProxies& proxies) : live_(live), floods_(floods), proxies_(proxies) {}
 
   void set_serving(const std::string& service, bool serving) {
     {
@@ -76,6 +75,7 @@ class HealthService::Methods final : public health::Health::CallbackService {
 
   LiveCalls& live_;
   FloodGuard& floods_;
+  const TrustedProxies& proxies_;
   mutable std::mutex mutex_;
   // under mutex_
   std::map<std::string, bool> serving_;
@@ -122,7 +122,7 @@ class HealthService::Methods::WatchCall final : public grpc::ServerWriteReactor<
                                                 public std::enable_shared_from_this<WatchCall> {
  public:
   WatchCall(Methods& methods, grpc::CallbackServerContext* context, std::string service)
-      : methods_(methods), context_(context), service_(std::move(service)), client_(host_of(context->peer())) {
+      : methods_(methods), context_(context), service_(std::move(service)), client_(methods.proxies_.host_of(*context)) {
     methods_.live_.enter(client_, LiveCalls::Stop::cuts_off);
   }
 
@@ -260,7 +260,8 @@ void HealthService::Methods::wake_watches() {
 
 // ---- HealthService ----
 
-HealthService::HealthService(LiveCalls& live, FloodGuard& floods) : methods_(std::make_unique<Methods>(live, floods)) {}
+HealthService::HealthService(LiveCalls& live, FloodGuard& floods, const TrustedProxies& proxies)
+    : methods_(std::make_unique<Methods>(live, floods, proxies)) {}
 HealthService::~HealthService() = default;
 grpc::Service& HealthService::grpc_service() { return *methods_; }
 void HealthService::set_serving(const std::string& service, bool serving) { methods_->set_serving(service, serving); }

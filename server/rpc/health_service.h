@@ -7,6 +7,7 @@
 #include <string>
 
 #include "server/rpc/flood_guard.h"
+#include "server/rpc/peers.h"
 #include "server/rpc/reactors.h"
 
 namespace deform::server {
@@ -16,8 +17,8 @@ namespace deform::server {
 /// begun and reset without end. It answers in gRPC's threads and never blocks. Thread-safe.
 class HealthService {
  public:
-  /// Both must outlive it.
-  HealthService(LiveCalls& live, FloodGuard& floods);
+  /// All must outlive it.
+  HealthService(LiveCalls& live, FloodGuard& floods, const TrustedProxies& proxies);
   ~HealthService();
 
   grpc::Service& grpc_service();

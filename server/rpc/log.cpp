@@ -101,6 +101,7 @@ std::string fields_of(const CallRecord& record) {
   };
   out.word("method", record.method);
   out.word("client", escaped(record.client, text_limit));
+  if (!record.host.empty()) out.word("host", record.host);
   if (!record.identity.empty()) out.name("identity", record.identity);
   if (!record.tenant.empty()) out.name("tenant", record.tenant);
   if (record.request_id) out.count("request", *record.request_id);

@@ -42,6 +42,7 @@ void set_log_level(spdlog::level::level_enum level);
 struct CallRecord {
   std::string method;
   std::string client;                       ///< the peer
+  std::string host;                         ///< who calls, as a trusted proxy says; empty: the peer itself
   std::string identity;                     ///< whose call it is; empty: nobody was asked for one
   std::string tenant;                       ///< of the identity; empty: the default one
   std::optional<std::uint64_t> request_id;  ///< of a DeformStream

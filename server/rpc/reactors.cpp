@@ -101,7 +101,9 @@ CallScope::CallScope(const char* method, const Incoming& incoming)
   call_.quota = admission_.quota;
   call_.in_flight = incoming.in_flight->of(call_.tenant);
   if (call_.tenant != default_tenant) record.tenant = call_.tenant;
-  call_.client = admission_.identity.empty() ? host_of(record.client) : "identity " + admission_.identity;
+  const std::string host = incoming.proxies->host_of(*incoming.context);
+  if (host != host_of(record.client)) record.host = host;
+  call_.client = admission_.identity.empty() ? host : "identity " + admission_.identity;
   incoming_.live->enter(call_.client);
   // gRPC keeps wall-clock deadlines, "none" as the end of time.
   const auto deadline = incoming.context->deadline();

@@ -25,6 +25,7 @@
 #include "server/rpc/log.h"
 #include "server/rpc/metrics.h"
 #include "server/rpc/overdue_calls.h"
+#include "server/rpc/peers.h"
 #include "server/rpc/request_rates.h"
 
 namespace deform::server {
@@ -73,6 +74,7 @@ struct Incoming {
   Role needed = Role::operate;  ///< of the caller
   LiveCalls* live = nullptr;
   const Access* access = nullptr;
+  const TrustedProxies* proxies = nullptr;
   const std::atomic<bool>* memory_full = nullptr;
   const std::atomic<bool>* draining = nullptr;
   OpenCalls* calls = nullptr;

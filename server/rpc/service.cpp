@@ -89,7 +89,7 @@ class DeformService::Methods final : public RawService {
         access_(options.access),
         held_(held_limit(engine.info().memory_budget())),
         live_(call_limit(options.max_calls, engine.info().memory_budget())),
-        health_(live_, floods_),
+        health_(live_, floods_, options_.proxies),
         pool_(options.call_threads, options.waiting_calls),
         transfers_(options.call_threads, options.waiting_calls),
         admin_(engine, calls_,
@@ -257,6 +257,7 @@ class DeformService::Methods final : public RawService {
     call.needed = needed;
     call.live = &live_;
     call.access = &access_;
+    call.proxies = &options_.proxies;
     call.memory_full = &memory_full_;
     call.draining = &refusing_;
     call.calls = &calls_;

@@ -12,6 +12,7 @@
 #include "server/rpc/admin_service.h"
 #include "server/rpc/health_service.h"
 #include "server/rpc/metrics.h"
+#include "server/rpc/peers.h"
 #include "server/rpc/streams/service_requests.h"
 
 namespace grpc {
@@ -27,6 +28,7 @@ struct ServiceOptions {
   /// That a call waits for its client to send what is missing, or to take what was sent; 0: for ever.
   std::chrono::milliseconds stall_timeout{600'000};
   Access::Options access;     ///< who may call
+  TrustedProxies proxies;     ///< whose word is taken for who calls through them
   std::size_t max_calls = 0;  ///< open at once; 0: as many as take an eighth of the memory budget
   int call_threads = 8;       ///< for calls that wait for the disk: so many for questions, and as many for meshes and setups
   std::size_t waiting_calls = 1024;                     ///< of those; more are refused with a retry hint

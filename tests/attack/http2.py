@@ -37,11 +37,21 @@ def call_headers(method):
         ("te", "trailers"), ("content-type", "application/grpc")))
 
 
-class Connection:
-    """A connection that has said hello and reads nothing unless asked."""
+def resets(connection, method, count):
+    """Calls that are cancelled in the same breath."""
+    headers, out = call_headers(method), []
+    for _ in range(count):
+        stream = connection.next_stream()
+        out.append(frame(HEADERS, END_HEADERS, stream, headers))
+        out.append(frame(RST_STREAM, 0, stream, struct.pack(">I", 8)))
+    return b"".join(out)
 
-    def __init__(self, port):
-        self.socket = socket.create_connection(("127.0.0.1", port), timeout=20)
+
+class Connection:
+    """A connection that has said hello and reads nothing unless asked. Of the address `source` of this machine."""
+
+    def __init__(self, port, source="127.0.0.1"):
+        self.socket = socket.create_connection(("127.0.0.1", port), timeout=20, source_address=(source, 0))
         self.socket.sendall(b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + frame(SETTINGS))
         self.stream = -1
 
@@ -56,6 +66,23 @@ class Connection:
             return True
         except OSError:
             return False
+
+    def wait_for_end(self, stream):
+        """Until the other side has said all of this stream. Raises OSError when it closes the connection before."""
+        while True:
+            head = self.read(9)
+            self.read(int.from_bytes(head[:3], "big"))
+            if int.from_bytes(head[5:9], "big") == stream and head[3] in (DATA, HEADERS) and head[4] & END_STREAM:
+                return
+
+    def read(self, count):
+        data = bytearray()
+        while len(data) < count:
+            more = self.socket.recv(count - len(data))
+            if not more:
+                raise ConnectionResetError("closed")
+            data += more
+        return bytes(data)
 
     def drop_replies(self):
         """Whether the other side has closed the connection; what it sent is dropped."""

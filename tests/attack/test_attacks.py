@@ -579,16 +579,6 @@ class Frames(Attack):
 
         return in_threads(connections, attack)
 
-    @staticmethod
-    def resets(connection, method, count):
-        """Calls that are cancelled in the same breath."""
-        headers, out = http2.call_headers(method), []
-        for _ in range(count):
-            stream = connection.next_stream()
-            out.append(http2.frame(http2.HEADERS, http2.END_HEADERS, stream, headers))
-            out.append(http2.frame(http2.RST_STREAM, 0, stream, struct.pack(">I", 8)))
-        return b"".join(out)
-
     def begin_calls(self, method, message=None):
         """20,000 calls that say nothing more than that message."""
         headers, begun = http2.call_headers(method), []
@@ -638,7 +628,7 @@ class Frames(Attack):
 
     def test_streams_opened_and_reset(self):
         """90,000 calls that are cancelled in the same breath."""
-        self.flood(lambda connection: self.resets(connection, "GetServerInfo", 500), connections=3, seconds=8 if LONG else 4,
+        self.flood(lambda connection: http2.resets(connection, "GetServerInfo", 500), connections=3, seconds=8 if LONG else 4,
                    most=30_000 * 150)
         # The server may read the last calls after they were sent. What it reads first decides why a connection is closed.
         deadline = time.monotonic() + 10
@@ -654,7 +644,7 @@ class Frames(Attack):
         connection = http2.Connection(self.server.port)
         self.connections.append(connection)
         for _ in range(500):
-            if not connection.send(self.resets(connection, "GetServerInfo", 100)) or connection.drop_replies():
+            if not connection.send(http2.resets(connection, "GetServerInfo", 100)) or connection.drop_replies():
                 break
             time.sleep(0.02)
         else:
@@ -663,7 +653,7 @@ class Frames(Attack):
         self.assertEqual(self.figure("deformd_connections_cut_off_total"), 1)
 
     def test_calls_of_no_method_opened_and_reset(self):
-        self.flood(lambda connection: self.resets(connection, "NoSuchMethod", 500), connections=3, seconds=4, most=30_000 * 150)
+        self.flood(lambda connection: http2.resets(connection, "NoSuchMethod", 500), connections=3, seconds=4, most=30_000 * 150)
 
     def test_pings(self):
         self.flood(lambda _: http2.frame(http2.PING, 0, 0, bytes(8)) * 1000)

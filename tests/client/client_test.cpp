@@ -363,6 +363,34 @@ TEST(Client, RetriesWhatIsSafe) {
   }
 }
 
+TEST(Client, TheAttemptsOfACallHaveOneIdWhichItsErrorNames) {
+  ScriptedService service;
+  std::vector<std::string> ids;
+  service.on_info = [&](grpc::ServerContext& context, v1::ServerInfo&) {
+    const auto [first, last] = context.client_metadata().equal_range("x-request-id");
+    for (auto it = first; it != last; ++it) ids.emplace_back(it->second.data(), it->second.size());
+    return grpc::Status(grpc::StatusCode::UNAVAILABLE, "told to");
+  };
+  ClientOptions options;
+  options.max_attempts = 2;
+  Client client = service.client(options), other = service.client(options);
+  const auto id_of_failed_call = [](Client& caller) {
+    try {
+      caller.server_info();
+    } catch (const Error& error) {
+      return client::request_id_of(error);
+    }
+    return std::string("none failed");
+  };
+  const std::string first = id_of_failed_call(client), second = id_of_failed_call(client), others = id_of_failed_call(other);
+  EXPECT_EQ(ids, (std::vector<std::string>{first, first, second, second, others, others}));
+  EXPECT_NE(first, second);
+  EXPECT_NE(first, others);
+  EXPECT_EQ(client::request_id_of(Error(ErrorCode::internal, "here")), "");
+  service.stop();
+  EXPECT_EQ(id_of_failed_call(client), "") << "nothing was sent";
+}
+
 TEST(Client, RepeatsTwiceAsOftenBehindAProxy) {
   for (const bool replicas : {false, true}) {
     ScriptedService service;

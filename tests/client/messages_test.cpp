@@ -121,7 +121,7 @@ TEST(Connecting, AMissingFileIsOfSocketsWithAPathOnly) {
                                                                  address + ": No such file or directory");
     const grpc::ClientContext context;
     try {
-      client::throw_error(status, context, address);
+      client::throw_error(status, context, address, "c-1");
     } catch (const client::NotConnected& error) {
       return error;
     }
@@ -137,7 +137,7 @@ TEST(Connecting, AMissingFileIsOfSocketsWithAPathOnly) {
 TEST(Connecting, AConnectionThatIsLostIsThatWhateverGrpcCallsIt) {
   const auto error_of = [](grpc::StatusCode code, const std::string& message) {
     try {
-      client::throw_error({code, message}, grpc::ClientContext(), "a:1");
+      client::throw_error({code, message}, grpc::ClientContext(), "a:1", "c-1");
     } catch (const Error& error) {
       return error;
     }
@@ -145,6 +145,7 @@ TEST(Connecting, AConnectionThatIsLostIsThatWhateverGrpcCallsIt) {
   using grpc::StatusCode;
   for (const auto& [code, message] : {std::pair{StatusCode::UNAVAILABLE, "Socket closed"},
                                       {StatusCode::UNKNOWN, "Stream removed"},
+                                      {StatusCode::CANCELLED, "Received RST_STREAM with error code 8"},
                                       {StatusCode::INTERNAL, "Received RST_STREAM with error code 2"}}) {
     const Error error = error_of(code, message);
     EXPECT_EQ(error.code(), ErrorCode::unavailable) << message;

@@ -166,10 +166,13 @@ class BehindProxy(Replicas):
         self.start_proxy()
 
     def tearDown(self):
+        self.stop_proxy()
+        super().tearDown()
+
+    def stop_proxy(self):
         if self.proxy:
             self.proxy.kill()
             self.proxy.wait()
-        super().tearDown()
 
     def options_of(self, number):
         return ["--metrics-address", f"127.0.0.1:{self.metrics[number]}"]
@@ -181,16 +184,21 @@ class BehindProxy(Replicas):
         return text
 
     def start_proxy(self):
-        """The file that is shipped, but for its own port."""
+        self.launch_proxy()
+        self.wait_until(lambda: self.deform("status", expect=None).code == 0 or self.proxy.poll() is not None, "haproxy answers")
+        if self.proxy.poll() is not None:
+            self.fail(read_bytes(self.path("haproxy.log")).decode())
+
+    def launch_proxy(self, **settings):
+        """The file that is shipped, but for its own port; with variables besides proxy_settings()."""
         with open(os.path.join(SOURCE, "deploy/replicas/haproxy.cfg")) as file:
             self.write("haproxy.cfg", self.proxy_configuration(file.read().replace("bind :50051", f"bind 127.0.0.1:{self.port}")))
-        environment = {**os.environ, **self.proxy_settings()}
+        environment = {**os.environ, **self.proxy_settings(), **settings}
         for name, server, metrics in zip("ABC", self.servers, self.metrics):
             environment[f"DEFORMD_{name}"] = server.address
             environment[f"DEFORMD_{name}_METRICS"] = str(metrics)
         with open(self.path("haproxy.log"), "ab") as log:
             self.proxy = subprocess.Popen(["haproxy", "-db", "-f", self.path("haproxy.cfg")], stdout=log, stderr=log, env=environment)
-        self.wait_until(lambda: self.deform("status", expect=None).code == 0, "haproxy answers")
 
     def environment(self):
         return {**super().environment(), "DEFORM_SERVER": f"127.0.0.1:{self.port}", "DEFORM_REPLICAS": "1"}

@@ -220,22 +220,6 @@ class ExitCodes(EndToEnd):
         for command in (["prepare", "loose.yaml", "--check"], ["prepare", "loose.yaml"]):
             self.assertIn("note: Nothing is fixed, so everything that is no handle may move.", self.deform(*command).out)
 
-    def test_the_health_check_asks_where_the_server_listens(self):
-        script = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "deploy", "health-check")
-        path = os.path.dirname(DEFORM) + os.pathsep + os.environ["PATH"]
-
-        def check(**environment):
-            return subprocess.run([script], env={"PATH": path, **environment}, timeout=60, stdout=subprocess.PIPE,
-                                  stderr=subprocess.STDOUT, text=True)
-        port = self.server.port
-        for address in (f"0.0.0.0:{port}", f"127.0.0.1:{port}"):
-            done = check(DEFORMD_ADDRESS=address)
-            self.assertEqual(done.returncode, 0, done.stdout)
-        self.server.stop()
-        done = check(DEFORMD_ADDRESS=f"[::]:{port}")
-        self.assertEqual(done.returncode, 3, done.stdout)
-        self.assertIn(f"[::1]:{port}", done.stdout)
-
 
 class SmallServer(EndToEnd):
     def test_what_does_not_fit_fails_with_its_estimate(self):

@@ -65,6 +65,41 @@ class Operations(EndToEnd):
 
         self.wait_until(lambda: left_out() >= 200, "the others were counted")
 
+    def test_the_health_check_asks_whether_the_server_lives(self):
+        script = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "deploy", "health-check")
+        server = self.start()
+
+        def check(address):
+            return subprocess.run([script], env={"PATH": "/usr/bin:/bin", "DEFORMD_METRICS_ADDRESS": address}, timeout=60,
+                                  stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+
+        for address in (f"0.0.0.0:{self.port}", f"127.0.0.1:{self.port}"):
+            done = check(address)
+            self.assertEqual(done.returncode, 0, done.stdout)
+            self.assertIn("[+] ", done.stdout)
+        server.process.send_signal(signal.SIGSTOP)
+        try:
+            self.assertNotEqual(check(f"127.0.0.1:{self.port}").returncode, 0, "it hangs")
+        finally:
+            server.process.send_signal(signal.SIGCONT)
+        server.stop()
+        done = check(f"[::]:{self.port}")
+        self.assertNotEqual(done.returncode, 0)
+        self.assertIn("::1", done.stdout)
+
+    def test_the_server_needs_no_library_of_mesh_files(self):
+        """The image of deformd alone has none."""
+        libraries = subprocess.run(["ldd", DEFORMD], check=True, stdout=subprocess.PIPE, text=True, timeout=60).stdout
+        self.assertIn("libgrpc++", libraries)
+        for name in ("libcgns", "libnetcdf", "libhdf5"):
+            self.assertNotIn(name, libraries)
+
+    def test_an_error_names_its_call_in_the_log(self):
+        server = self.start()
+        failed = self.fails(1, "--json", "admin", "cancel", "4711").json["error"]
+        self.assertEqual(failed["code"], "NOT_FOUND")
+        self.assert_logged(f"client_request={failed['request_id']} .*status=not_found", server)
+
     def prepared(self):
         self.deform("sample", "-o", "ahmed.obj", "--points", 2000)
         self.write("setup.yaml", AHMED_SETUP)

@@ -5,10 +5,13 @@ manifests for Kubernetes."""
 import os
 import re
 import shutil
+import socket
+import struct
+import threading
 import unittest
 
-from harness import main
-from replicas import CLIENTS, SOURCE, BehindProxy
+from harness import Server, main
+from replicas import CLIENTS, SOURCE, BehindProxy, free_port
 
 
 @unittest.skipUnless(shutil.which("haproxy"), "haproxy is not installed")
@@ -33,6 +36,84 @@ class Proxy(BehindProxy):
 
     def test_no_design_fails_in_a_rolling_restart(self):
         self.check_rolling_restart()
+
+
+class NameServer:
+    """Knows one name, while it is to, and gives it the address 127.0.0.1."""
+
+    def __init__(self):
+        self.known = False
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.bind(("127.0.0.1", 0))
+        self.port = self.socket.getsockname()[1]
+        threading.Thread(target=self.serve, daemon=True).start()
+
+    def serve(self):
+        while True:
+            try:
+                query, client = self.socket.recvfrom(4096)
+            except OSError:
+                return
+            end = query.index(b"\0", 12) + 5  # name, type and class
+            (kind,) = struct.unpack(">H", query[end - 4:end - 2])
+            found = self.known and kind == 1
+            head = query[:2] + struct.pack(">HHHHH", 0x8180 if self.known else 0x8183, 1, found, 0, 0)
+            answer = b"\xc0\x0c" + struct.pack(">HHIH", 1, 1, 1, 4) + socket.inet_aton("127.0.0.1") if found else b""
+            self.socket.sendto(head + query[12:end] + answer, client)
+
+    def close(self):
+        self.socket.close()
+
+
+@unittest.skipUnless(shutil.which("haproxy"), "haproxy is not installed")
+class NumberOfServers(BehindProxy):
+    """A fourth server that comes and goes, as one of a StatefulSet: by its name."""
+
+    def setUp(self):
+        self.names = NameServer()
+        self.addCleanup(self.names.close)
+        self.fourth = (free_port(), free_port())
+        super().setUp()
+
+    def proxy_settings(self):
+        port, metrics = self.fourth
+        return {"DEFORMD_D": f"deformd-3.deformd.example:{port}", "DEFORMD_D_METRICS": str(metrics)}
+
+    def proxy_configuration(self, text):
+        return text.replace("  parse-resolv-conf\n", f"  nameserver here 127.0.0.1:{self.names.port}\n")
+
+    def geometries(self, server):
+        return {one["id"] for one in self.deform("list", "geometries", "--server", server.address, "--json").json["geometries"]}
+
+    def test_only_those_of_the_server_that_comes_and_goes_move(self):
+        for k in range(16):
+            self.deform("sample", "-o", f"body{k}.obj", "--points", 2000 + 400 * k)
+        register = lambda: [self.deform("register", f"body{k}.obj") for k in range(16)]  # noqa: E731
+        register()
+        before = [self.geometries(server) for server in self.servers]
+        count = sum(map(len, before))  # some sizes give the same mesh
+        os.mkdir(self.path("server3"))
+        port, metrics = self.fourth
+        fourth = Server(self.path("server3"), "--metrics-address", f"127.0.0.1:{metrics}")
+        fourth.port = port
+        fourth.start()
+        self.servers.append(fourth)
+        self.names.known = True
+
+        def asked():
+            self.deform("status")
+            return "method=GetServerInfo" in fourth.log_text()
+
+        self.wait_until(asked, "the fourth server gets its share of calls")
+        register()
+        moved = self.geometries(fourth)
+        self.assertGreater(len(moved), 0)
+        self.assertLess(len(moved), count // 2)
+        self.assertEqual([self.geometries(server) for server in self.servers[:3]], before, "the others stay where they are")
+        self.names.known = False
+        fourth.stop()
+        register()
+        self.assertEqual([self.geometries(server) for server in self.servers[:3]], before, "and those that moved return")
 
 
 class Manifests(unittest.TestCase):
@@ -74,7 +155,7 @@ class Manifests(unittest.TestCase):
                 self.assertEqual(ports[port["targetPort"]], port["port"])
         environment = {one["name"]: one["value"] for one in servers["template"]["spec"]["containers"][0]["env"]}
         self.assertTrue(environment["DEFORMD_METRICS_ADDRESS"].endswith(":9464"))
-        self.assertEqual(re.findall(r"_METRICS-(\d+)", cfg), ["9464"] * servers["replicas"])
+        self.assertEqual(set(re.findall(r"_METRICS-(\d+)", cfg)), {"9464"})
 
     def test_what_is_changed_for_a_shared_store_is_there(self):
         import yaml

@@ -6,6 +6,7 @@ import json
 import multiprocessing
 import os
 import pickle
+import re
 import shutil
 import signal
 import socket
@@ -36,6 +37,16 @@ def test_numpy_2_needs_a_pybind11_that_knows_it():
     check_numpy_version(0x020C0000, "2.0.0")
     with pytest.raises(ImportError, match="NumPy 2.4.6"):
         check_numpy_version(0x020A03F0, "2.4.6")
+
+
+def test_errors_name_the_call_that_was_sent(case, client):
+    with pytest.raises(deformd.NotFound) as unknown:
+        client.geometry("0" * 64)
+    assert re.fullmatch("[0-9a-f]{12}-[0-9]+", unknown.value.request_id)
+    assert pickle.loads(pickle.dumps(unknown.value)).request_id == unknown.value.request_id
+    with pytest.raises(deformd.NotFound) as here:
+        client.register(case.folder / "none.obj")
+    assert here.value.request_id == ""
 
 
 def test_errors_have_types_and_say_where(case, client):

@@ -108,6 +108,29 @@ TEST(Hosts, AreTheAddressesOfPeersWithoutTheirPorts) {
   }
 }
 
+TEST(Hosts, AreThoseThatATrustedProxySpeaksOf) {
+  const TrustedProxies proxies("10.0.0.5, 10.1.0.0/16,2001:db8::/32");
+  EXPECT_EQ(proxies.text(), "10.0.0.5, 10.1.0.0/16,2001:db8::/32");
+  for (const char* proxy : {"ipv4:10.0.0.5:1", "ipv4:10.1.255.9:1", "ipv6:%5B2001:db8:7::1%5D:1", "ipv6:[::ffff:10.0.0.5]:1"}) {
+    EXPECT_EQ(proxies.host_of(proxy, "192.168.0.9"), "ipv4:192.168.0.9") << proxy;
+  }
+  for (const char* stranger : {"ipv4:10.0.0.4:1", "ipv4:10.2.0.0:1", "ipv6:[2001:db9::1]:1", "unix:/run/deformd"}) {
+    EXPECT_EQ(proxies.host_of(stranger, "192.168.0.9"), host_of(stranger)) << "anybody could say so";
+  }
+  EXPECT_EQ(proxies.host_of("ipv4:10.0.0.5:1", "1.2.3.4, 192.168.0.9 "), "ipv4:192.168.0.9")
+      << "the rest is what the client said";
+  EXPECT_EQ(proxies.host_of("ipv4:10.0.0.5:1", "2001:db8:1:2:3::4"), "ipv6:2001:db8:1:2::/64");
+  EXPECT_EQ(proxies.host_of("ipv4:10.0.0.5:1", "::ffff:192.168.0.9"), "ipv4:192.168.0.9");
+  for (const char* none : {"", "unknown", "192.168.0.9:80", "192.168.0.9,"}) {
+    EXPECT_EQ(proxies.host_of("ipv4:10.0.0.5:1", none), "ipv4:10.0.0.5") << none;
+  }
+  EXPECT_EQ(TrustedProxies().host_of("ipv4:10.0.0.5:1", "192.168.0.9"), "ipv4:10.0.0.5");
+  EXPECT_EQ(TrustedProxies("0.0.0.0/0").host_of("ipv6:[2001:db8::1]:1", "192.168.0.9"), host_of("ipv6:[2001:db8::1]:1"));
+  for (const char* wrong : {"proxy.example.org", "10.0.0.0/33", "::/129", "10.0.0.0/-1", "10.0.0.0/x", "10.0.0.5,,10.0.0.6"}) {
+    EXPECT_THROW(TrustedProxies{wrong}, Error) << wrong;
+  }
+}
+
 /// Connections of several hosts to a listener that takes fifty, and what becomes of them.
 class ListenerHosts : public testing::Test {
  protected:

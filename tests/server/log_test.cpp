@@ -135,6 +135,9 @@ TEST(Log, TraceIdsAreThoseOfTheRecommendation) {
   record.trace = trace;
   record.client_request = "study 7";
   EXPECT_EQ(to_line(record), "method=Deform client=c trace=" + trace + " client_request=\"study 7\" status=ok");
+  record.host = "ipv4:10.0.0.7";
+  EXPECT_EQ(to_line(record),
+            "method=Deform client=c host=ipv4:10.0.0.7 trace=" + trace + " client_request=\"study 7\" status=ok");
 }
 
 TEST(Log, LinesOfCallsHaveABudgetForEachSecond) {

@@ -92,6 +92,7 @@ TEST_F(Options, EveryOptionCanBeSetInEveryWay) {
                                                      {"tls-client-ca", "a"},
                                                      {"tls-client-crl", "r"},
                                                      {"identities", "i"},
+                                                     {"trusted-proxies", "10.0.0.5,10.1.0.0/16"},
                                                      {"reflection", "off"},
                                                      {"port-file", "p"},
                                                      {"keep-alive", "11"},

@@ -110,13 +110,24 @@ Exit codes: 0 done; 1 wrong input, also of some rows of a sweep; 2 wrong usage; 
 still refused after all attempts; 4 a gate or verdict failed: --fail-on, inverted cells, missed exact constraints, a split
 that did not arrive; 130 interrupted by Ctrl-C (the server stops working on the request too), or cancelled by the server's
 operator. One line on stderr says why;
-with --json there is {"error": {"code", "message", "field"}} on stdout, too.
+with --json there is {"error": {"code", "message", "field"}} on stdout, too, and "request_id" of a call that was sent: the
+server's log has it as client_request.
 The environment variables DEFORM_SERVER, DEFORM_REPLICAS, DEFORM_TLS, DEFORM_CA, DEFORM_CERT, DEFORM_KEY,
 DEFORM_SERVER_NAME and DEFORM_TOKEN_FILE stand for the options of these names, DEFORM_CONTEXT for --context (deform context --help).)";
 
+/// Whoever looks after the server is no help with what is wrong with the input.
+bool is_of_input(const nlohmann::ordered_json& error) {
+  for (const char* code : {"INVALID_ARGUMENT", "NOT_FOUND", "ALREADY_EXISTS", "FAILED_PRECONDITION", "CANCELLED"}) {
+    if (error.at("code") == code) return true;
+  }
+  return false;
+}
+
 /// The line for people, and with --json the same for machines.
 ExitCode fail(ExitCode code, const nlohmann::ordered_json& error, Style style) {
-  complain(error.at("message"));
+  std::string message = error.at("message");
+  if (error.contains("request_id") && !is_of_input(error)) message += " (request id " + std::string(error["request_id"]) + ")";
+  complain(message);
   if (style == Style::json) print({{"error", error}});
   return code;
 }
@@ -125,7 +136,7 @@ ExitCode run_action(const Action& action, Style style) {
   try {
     return action();
   } catch (const Error& error) {
-    return fail(exit_code_of(error), error_json(error.code(), error.what()), style);
+    return fail(exit_code_of(error), error_json(error), style);
   } catch (const CLI::ParseError& error) {  // what is wrong with the command line can depend on the files it names
     return fail(exit_usage, usage_error_json(error.what()), style);
   } catch (const std::bad_alloc&) {

@@ -211,8 +211,8 @@ class Sweep {
     } catch (const Error& error) {
       const std::size_t done = report_.skipped + done_;
       if (done == 0) throw;
-      throw Error(error.code(), std::string(error.what()) + "; " + std::to_string(done) + " of " +
-                                    std::to_string(report_.designs) + " designs are done: run it again for the rest");
+      client::throw_reworded(error, std::string(error.what()) + "; " + std::to_string(done) + " of " +
+                                        std::to_string(report_.designs) + " designs are done: run it again for the rest");
     }
   }
 
@@ -266,7 +266,7 @@ class Sweep {
   void fail(const Todo& todo, const Error& error) {
     const std::string reason = todo.design->where + error.what();
     output_->fail(todo.result.name, {reason});
-    if (!options_.keep_going) throw Error(error.code(), reason);
+    if (!options_.keep_going) client::throw_reworded(error, reason);
     const std::lock_guard lock(mutex_);
     report_.failed.emplace(todo.result.name, reason);
   }

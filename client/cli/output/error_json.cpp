@@ -3,6 +3,7 @@
 
 #include <nlohmann/json.hpp>
 
+#include "client/call_error.h"
 #include "client/error_field.h"
 
 namespace deform::cli {
@@ -54,6 +55,12 @@ ordered_json error(const char* code, const std::string& message) {
 }  // namespace
 
 ordered_json error_json(ErrorCode code, const std::string& message) { return error(name_of(code), message); }
+
+ordered_json error_json(const Error& thrown) {
+  ordered_json json = error(name_of(thrown.code()), thrown.what());
+  if (const std::string id = client::request_id_of(thrown); !id.empty()) json["request_id"] = id;
+  return json;
+}
 
 ordered_json usage_error_json(const std::string& message) { return error("USAGE", message); }
 

@@ -77,7 +77,7 @@ ExitCode show_several(client::ClientOptions options, const std::vector<std::stri
     options.address = address;
     nlohmann::ordered_json json = {{"address", address}};
     const auto failed = [&](const Error& error) {
-      json["error"] = error_json(error.code(), error.what());
+      json["error"] = error_json(error);
       complain(address + ": " + error.what());
       if (code == exit_ok) code = exit_code_of(error);
     };

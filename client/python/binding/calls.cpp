@@ -22,7 +22,8 @@ client::CallOptions CallLimits::options(const std::stop_source& stop) const {
 
 py::object exception_of(const Error& error) {
   return py::module_::import("deformd.errors")
-      .attr("_error")(to_string(error.code()), error.what(), client::field_of(error.what()), error.retry_after_ms());
+      .attr("_error")(to_string(error.code()), error.what(), client::field_of(error.what()), error.retry_after_ms(),
+                      client::request_id_of(error));
 }
 
 void register_errors() {

@@ -14,7 +14,7 @@ class Error(Exception):
     code: str = "internal"
     """The kind of the error: "invalid_argument", "not_found", ..."""
 
-    def __init__(self, message: str, field: str = "", retry_after: Optional[float] = None) -> None:
+    def __init__(self, message: str, field: str = "", retry_after: Optional[float] = None, request_id: str = "") -> None:
         super().__init__(message)
         self.message = message
         """For people."""
@@ -22,6 +22,8 @@ class Error(Exception):
         """The field of the request or setup that is wrong, such as "designs[3].variables[0]"; else empty."""
         self.retry_after = retry_after
         """Seconds after which the same call may succeed; None where only another call can."""
+        self.request_id = request_id
+        """The id of the call in the server's log (`client_request`); empty where nothing was sent."""
 
     @property
     def indices(self) -> Tuple[int, ...]:
@@ -34,7 +36,7 @@ class Error(Exception):
         return self.indices[-1] if self.indices else None
 
     def __reduce__(self) -> Any:
-        return type(self), (self.message, self.field, self.retry_after)
+        return type(self), (self.message, self.field, self.retry_after, self.request_id)
 
 
 class InvalidArgument(Error, ValueError):
@@ -142,6 +144,6 @@ _CLASSES: Dict[str, Type[Error]] = {
 }
 
 
-def _error(code: str, message: str, field: str, retry_after_ms: int) -> Error:
+def _error(code: str, message: str, field: str, retry_after_ms: int, request_id: str) -> Error:
     """For the extension module: the exception of an error of the C++ library."""
-    return _CLASSES.get(code, Internal)(message, field, retry_after_ms / 1000 if retry_after_ms else None)
+    return _CLASSES.get(code, Internal)(message, field, retry_after_ms / 1000 if retry_after_ms else None, request_id)

@@ -32,6 +32,10 @@ TEST(ErrorJson, NamesTheFieldThatTheMessageStartsWith) {
 TEST(ErrorJson, HasCodeMessageAndField) {
   const auto json = cli::error_json(ErrorCode::out_of_budget, "output.tolerance: too small");
   EXPECT_EQ(json.dump(), R"({"code":"RESOURCE_EXHAUSTED","message":"output.tolerance: too small","field":"output.tolerance"})");
+  const Error failed(ErrorCode::internal, "output.tolerance: odd");
+  EXPECT_FALSE(cli::error_json(failed).contains("request_id"));
+  EXPECT_EQ(cli::error_json(client::CallError(failed, "c-7")).dump(),
+            R"({"code":"INTERNAL","message":"output.tolerance: odd","field":"output.tolerance","request_id":"c-7"})");
   EXPECT_EQ(cli::usage_error_json("a").at("code"), "USAGE");
   EXPECT_EQ(cli::verdict_error_json("a").at("code"), "VERDICT");
 }
