@@ -359,6 +359,34 @@ TEST_P(ServiceUnary, StreamsThatRestAreCountedAndRefusedBeyondTheLimit) {
   for (const auto& context : contexts) context->TryCancel();
 }
 
+// A proxy that adds its header leaves those that the client sent before it.
+TEST_P(ServiceUnary, ATrustedProxySaysWhoCallsAndClientsDoNot) {
+  if (GetParam() != support::Transport::loopback) GTEST_SKIP() << "without an address nobody is a proxy";
+  std::mutex mutex;
+  std::vector<std::string> clients;
+  engine.on_estimate = [&](const v1::EstimateRequest&, const CallContext& call, const auto& done) {
+    {
+      const std::lock_guard lock(mutex);
+      clients.push_back(call.client);
+    }
+    done({v1::EstimateReply(), std::nullopt, {}});
+  };
+  ServiceOptions options;
+  options.proxies = TrustedProxies("127.0.0.0/8");
+  start(options);
+  const auto ask = [&](const std::vector<std::string>& forwarded_for) {
+    grpc::ClientContext context;
+    for (const std::string& one : forwarded_for) context.AddMetadata("x-forwarded-for", one);
+    v1::EstimateReply reply;
+    EXPECT_THAT(stub->Estimate(&context, {}, &reply), EndedWith(StatusCode::OK));
+  };
+  ask({"10.0.0.9"});
+  ask({"10.0.0.8", "10.0.0.9"});
+  ask({"10.0.0.8, 10.0.0.9"});
+  ask({});
+  EXPECT_EQ(clients, (std::vector<std::string>{"ipv4:10.0.0.9", "ipv4:10.0.0.9", "ipv4:10.0.0.9", "ipv4:127.0.0.1"}));
+}
+
 // Meshes are written by threads of their own: as many uploads as there are threads may wait for a disk that hangs.
 TEST_P(ServiceUnary, QuestionsDoNotWaitForUploads) {
   std::atomic<bool> release{false};
