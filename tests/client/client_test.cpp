@@ -391,6 +391,48 @@ TEST(Client, TheAttemptsOfACallHaveOneIdWhichItsErrorNames) {
   EXPECT_EQ(id_of_failed_call(client), "") << "nothing was sent";
 }
 
+// As haproxy before 3.2 does when the server answers before all of the request has come.
+TEST(Client, AsksByTheHeaderAloneWhenAProxyHasCutAnUploadShort) {
+  struct Row {
+    const char* name;
+    grpc::Status of_header;
+    ErrorCode expected;
+    int uploads;
+  };
+  const std::vector<Row> table = {
+      {"refused", {grpc::StatusCode::PERMISSION_DENIED, "not you"}, ErrorCode::permission_denied, 1},
+      {"taken, the rest was not", {grpc::StatusCode::INVALID_ARGUMENT, "incomplete"}, ErrorCode::unavailable, 2},
+  };
+  const Points points = test::registered_points(3);
+  const std::vector<std::uint32_t> sizes = {3}, corners = {0, 1, 2};
+  client::GeometryArrays arrays;
+  arrays.points = points;
+  arrays.face_sizes = sizes;
+  arrays.face_points = corners;
+  for (const auto& row : table) {
+    SCOPED_TRACE(row.name);
+    ScriptedService service;
+    int uploads = 0, headers = 0;
+    service.on_get_geometry = [](const v1::GetGeometryRequest&, v1::GeometryInfo&) {
+      return grpc::Status(grpc::StatusCode::NOT_FOUND, "unknown");
+    };
+    service.on_register = [&](grpc::ServerReaderInterface<v1::RegisterGeometryRequest>& reader, v1::GeometryInfo&) {
+      v1::RegisterGeometryRequest message;
+      int messages = 0;
+      while (reader.Read(&message)) ++messages;
+      if (messages == 1) return ++headers, row.of_header;
+      ++uploads;
+      return grpc::Status(grpc::StatusCode::CANCELLED, "Received RST_STREAM with error code 8");
+    };
+    ClientOptions options;
+    options.max_attempts = 2;
+    Client client = service.client(options);
+    expect_error(row.expected, {}, [&] { client.register_geometry(arrays); });
+    EXPECT_EQ(uploads, row.uploads);
+    EXPECT_EQ(headers, row.uploads);
+  }
+}
+
 TEST(Client, RepeatsTwiceAsOftenBehindAProxy) {
   for (const bool replicas : {false, true}) {
     ScriptedService service;

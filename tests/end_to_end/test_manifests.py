@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The manifests for Kubernetes as kustomize renders them, where a kubectl that can is installed: Debian 12 has one that is too old.
+"""What becomes an image, and the manifests for Kubernetes as kustomize renders them, where a kubectl that can is installed: Debian 12 has one that is too old.
 They are validated against the schemas of Kubernetes where the program kubernetes-validate is found (PyPI; KUBERNETES_VALIDATE names it)."""
 
 import json
@@ -127,6 +127,16 @@ class Rendered(unittest.TestCase):
                 for variable in variables:
                     self.assertIn(os.path.dirname(environment[variable]), mounts)
             self.assertEqual(self.environment(rendered, "StatefulSet", "deformd")["DEFORMD_INSECURE"], "false")
+
+
+class Image(unittest.TestCase):
+    def test_what_is_copied_is_not_ignored(self):
+        taken = [line[1:] for line in read(".dockerignore").splitlines() if line.startswith("!")]
+        copied = [source for line in re.findall(r"^COPY (?!--from)(.*)$", read("Dockerfile"), re.MULTILINE) for source in line.split()[:-1]]
+        self.assertGreater(len(copied), 10)
+        for source in copied:
+            self.assertTrue(os.path.exists(os.path.join(SOURCE, source)), source)
+            self.assertTrue(any((source + "/").startswith(one + "/") for one in taken), f"{source} is ignored")
 
 
 if __name__ == "__main__":

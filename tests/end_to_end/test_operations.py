@@ -99,6 +99,8 @@ class Operations(EndToEnd):
         failed = self.fails(1, "--json", "admin", "cancel", "4711").json["error"]
         self.assertEqual(failed["code"], "NOT_FOUND")
         self.assert_logged(f"client_request={failed['request_id']} .*status=not_found", server)
+        plain = self.fails(1, "admin", "cancel", "4711")
+        self.assertNotIn("request id", plain.err, "nobody who looks after the server can help with a wrong number")
 
     def prepared(self):
         self.deform("sample", "-o", "ahmed.obj", "--points", 2000)

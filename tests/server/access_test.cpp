@@ -232,6 +232,32 @@ TEST_P(RolesAndMethods, WithoutIdentitiesTheQueueGoesByHostAndNotByConnection) {
   if (GetParam() == support::Transport::loopback) EXPECT_EQ(clients[0], "ipv4:127.0.0.1");
 }
 
+TEST_P(RolesAndMethods, BehindATrustedProxyTheQueueGoesByTheHostsThatItNames) {
+  std::mutex mutex;
+  std::vector<std::string> clients;
+  engine.on_prepare = [&](const v1::PrepareRequest&, const CallContext& call, auto, auto on_done) {
+    {
+      const std::lock_guard lock(mutex);
+      clients.push_back(call.client);
+    }
+    on_done({});
+  };
+  ServiceOptions options;
+  options.proxies = TrustedProxies("127.0.0.1");
+  start(options);
+  for (const char* host : {"10.0.0.7", "10.0.0.8"}) {
+    grpc::ClientContext context;
+    context.AddMetadata("x-forwarded-for", host);
+    v1::PrepareReply reply;
+    const auto reader = stub->Prepare(&context, {});
+    while (reader->Read(&reply)) {
+    }
+    reader->Finish();
+  }
+  const bool proxy = GetParam() == support::Transport::loopback;  // in one process there is no address
+  EXPECT_EQ(clients, proxy ? (std::vector<std::string>{"ipv4:10.0.0.7", "ipv4:10.0.0.8"}) : std::vector(2, clients.at(0)));
+}
+
 TEST_P(RolesAndMethods, AChangeOfTheFileReachesNewCallsAndOpenStreams) {
   start_with(everybody());
   grpc::ClientContext context;
