@@ -51,6 +51,10 @@ class Problems {
   bool collects() const { return mode_ == Mode::collect; }    ///< whether checking goes on after a problem
   bool empty() const { return list_.empty(); }                ///< whether no problem was found
   const std::vector<Problem>& list() const { return list_; }  ///< in the order of the checks
+  /// Whether a problem concerns the field as a whole.
+  bool contain(std::string_view field) const {
+    return std::any_of(list_.begin(), list_.end(), [&](const Problem& p) { return p.field == field; });
+  }
   /// Whether a problem concerns the field or a part of it ("handles[0].region" is a part of "handles[0]").
   bool concern(std::string_view field) const {
     return std::any_of(list_.begin(), list_.end(), [&](const Problem& p) {

@@ -65,16 +65,14 @@ void validate_method(const Setup& setup, const Mesh& mesh, Problems& problems) {
         refuse("constraints", "geometric constraints", methods_with(&MethodFeatures::constraints));
       }
     });
-    problems.check("method", [&] {
-      if constexpr (requires { options.samples; }) {
-        // Samples are values of the variables: whether they are right cannot be said of wrong ones.
-        auto without_samples = options;
-        if (problems.concern("variables")) without_samples.samples.clear();
-        M::validate(without_samples, setup, mesh);
-      } else {
-        M::validate(options, setup, mesh);
-      }
-    });
+    if constexpr (requires { options.samples; }) {
+      // Samples are values of the variables: whether they are right cannot be said of wrong ones.
+      auto without_samples = options;
+      if (problems.concern("variables")) without_samples.samples.clear();
+      M::validate(without_samples, setup, mesh, problems);
+    } else {
+      M::validate(options, setup, mesh, problems);
+    }
   });
 }
 

@@ -43,8 +43,8 @@ decltype(auto) with_method(SetupType& setup, const Use& use) {
       setup.method);
 }
 
-/// Checks that the method of the setup supports all parts of the setup, and its options. Throws Error(invalid_argument) naming
-/// the field. Called by validate() after the checks of handles and variables.
+/// Checks that the method of the setup supports all parts of the setup, and its options, each as a check of `problems`. Called by
+/// validate() after the checks of handles and variables.
 void validate_method(const Setup& setup, const Mesh& mesh, Problems& problems);
 
 /// The regions that the options of the method name, with their paths.

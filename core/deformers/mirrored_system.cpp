@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <limits>
 #include <optional>
 #include <set>
 #include <utility>
@@ -145,6 +146,7 @@ class MirroredEvaluation : public Evaluation {
       : system_(std::move(system)), whole_(std::move(whole)) {
     for (std::size_t i = 0; i < whole_->design_count(); ++i) {
       reports_.push_back(whole_->report(i));
+      if (reports_.back().prescribed_displacement > 0) reports_.back().error += system_->image_rounding_;
       reports_.back().constraints = system_->constraints_.reports(reports_.back().constraints, [&](PointId id) {
         Vec3 place{};
         Vec3* const to = &place;
@@ -248,7 +250,16 @@ MirroredSystem::MirroredSystem(std::shared_ptr<const Mesh> mesh, const Setup& se
   Setup whole = whole_setup(setup_, *mesh_, regions_, mirrored_, constraints_);
   whole.images = images_;
   whole_ = about_images(mesh_->point_count(), [&] { return make(mirrored_.mesh(), whole); });
+  image_rounding_ = rounding_of_images();
   fill_info();
+}
+
+/// Eight roundings, of products of maps and of places: in 150 half models far from the origin, whose errors were at rounding,
+/// points were up to 2.5 times as far off as the whole model said without them.
+double MirroredSystem::rounding_of_images() const {
+  double largest = 0;
+  for (const Vec3& x : mirrored_.mesh()->points) largest = std::max({largest, std::abs(x[0]), std::abs(x[1]), std::abs(x[2])});
+  return 8 * std::numeric_limits<double>::epsilon() * largest;
 }
 
 void MirroredSystem::fill_info() {

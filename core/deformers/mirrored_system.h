@@ -50,6 +50,7 @@ class MirroredSystem : public System {
   friend class MirroredMap;
 
   void fill_info();
+  double rounding_of_images() const;
   /// With the motions of the copies of handles.
   std::vector<Design> mirrored(std::span<const Design> designs) const;
   /// Throws Error(invalid_argument) for handle points that leave their plane.
@@ -71,6 +72,7 @@ class MirroredSystem : public System {
   const MirroredMesh& mirrored_;  ///< the same
   const MirroredConstraints constraints_;
   std::shared_ptr<const System> whole_;
+  double image_rounding_ = 0;  ///< error of designs that move, model units: motions of images are made of products of maps
   SystemInfo info_;
 };
 

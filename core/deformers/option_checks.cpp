@@ -5,6 +5,7 @@
 
 #include "core/base/error.h"
 #include "core/base/number_text.h"
+#include "core/base/problems.h"
 
 namespace deform {
 
@@ -13,6 +14,10 @@ void refuse_argument(const std::string& message) { throw Error(ErrorCode::invali
 void check_option_range(double value, double least, double most, const std::string& field) {
   if (value >= least && value <= most) return;
   refuse_argument(field + ": " + number_digits(value) + " is out of range " + number_digits(least) + ".." + number_digits(most));
+}
+
+void check_option_range(Problems& problems, double value, double least, double most, const std::string& field) {
+  problems.check(field, [&] { check_option_range(value, least, most, field); });
 }
 
 std::optional<std::string> units_note(const std::string& what, double diagonal, double of_mesh) {

@@ -342,7 +342,7 @@ SelectedRegions validate(const Setup& setup, const Mesh& mesh, Problems& problem
     problems.check(field, [&] { validate_variable(setup, k, variable_names); });
   }
   if (is_composed(setup)) return validate_stages(setup, mesh, problems, context);
-  if (!problems.concern("method")) validate_method(setup, mesh, problems);
+  if (!problems.contain("method")) validate_method(setup, mesh, problems);
 
   SelectedRegions selected;
   const HeldRegions held(setup, mesh, problems, context);

@@ -330,8 +330,7 @@ struct SelectedRegions {
 SelectedRegions validate(const Setup& setup, const Mesh& mesh, const RunContext& context = {});
 
 /// The same, adding errors to `problems`. In collecting mode, checking continues with the next entry, and regions that cannot be
-/// selected are empty. Entries that `problems` contains already are skipped. For the options of the method only the first problem
-/// is found.
+/// selected are empty. Entries that `problems` contains already are skipped.
 SelectedRegions validate(const Setup& setup, const Mesh& mesh, Problems& problems, const RunContext& context = {});
 
 /// The affine motion of every handle for a vector of variable values (size = setup.variables.size()). Values close to a bound are

@@ -47,11 +47,18 @@ Setup without_basis(Setup setup) {
   return setup;
 }
 
-/// The regions by their points, so that the mesh may move.
+/// All regions by their points at rest, so that the mesh may move.
 Setup with_explicit_regions(Setup setup, const SelectedRegions& regions, const Mesh& mesh) {
   for (std::size_t h = 0; h < setup.handles.size(); ++h) setup.handles[h].region = {Region::Ids{regions.handles[h]}};
   setup.fixed.clear();
   if (!regions.fixed.empty()) setup.fixed.push_back({Region::Ids{regions.fixed}});
+  for (std::size_t c = 0; c < setup.constraints.size(); ++c) {
+    auto& own = setup.constraints[c].regions;
+    for (std::size_t r = 0; r < own.size(); ++r) own[r] = {Region::Ids{regions.constraints[c][r]}};
+  }
+  for (const OptionRegion& option : option_regions(setup)) {
+    *option.region = {Region::Ids{select(*option.region, mesh, option.field)}};
+  }
   // Planes that were found are found again: their points keep their distances.
   for (auto& plane : setup.symmetry) {
     if (auto* region = std::get_if<Region>(&plane.kind)) *region = {Region::Ids{select(*region, mesh, "symmetry")}};

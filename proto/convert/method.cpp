@@ -65,36 +65,25 @@ ShapeRule shape_rule(const v1::RbfMethod& message) {
   return median ? ShapeRule::median : ShapeRule::densest;
 }
 
-RbfOptions rbf_options(const v1::RbfMethod& message) {
-  RbfOptions options;
-  options.kernel = kernel_from_proto(message.kernel());
-  options.shape = message.shape();
-  options.shape_rule = shape_rule(message);
-  if (message.has_polynomial_degree())
-    options.polynomial_degree = fitting_int(message.polynomial_degree(), "method.rbf.polynomial_degree");
-  switch (message.solver()) {
+Solver solver_from_proto(v1::Solver solver) {
+  switch (solver) {
     case v1::SOLVER_AUTOMATIC:
-      options.solver = Solver::automatic;
-      break;
+      return Solver::automatic;
     case v1::CHOLESKY:
-      options.solver = Solver::cholesky;
-      break;
+      return Solver::cholesky;
     case v1::LDLT:
     case v1::LU:
-      options.solver = Solver::ldlt;
-      break;
+      return Solver::ldlt;
     case v1::ITERATIVE:
-      options.solver = Solver::iterative;
-      break;
+      return Solver::iterative;
     case v1::INCREMENTAL_QR:
-      options.solver = Solver::incremental_qr;
-      break;
+      return Solver::incremental_qr;
     default:
-      refuse_unknown("method.rbf.solver", message.solver());
+      refuse_unknown("method.rbf.solver", solver);
   }
-  options.tolerance = message.tolerance() != 0 ? message.tolerance() : default_tolerance(options.solver);
-  options.centre_order =
-      known(message.centre_order(), "method.rbf.centre_order") == v1::GREEDY ? CentreOrder::greedy : CentreOrder::farthest_point;
+}
+
+void take_samples(const v1::RbfMethod& message, RbfOptions& options) {
   if (message.samples_size() > most_samples) {
     refuse_field("method.rbf.samples",
                  std::to_string(message.samples_size()) + " entries are more than the limit of " + std::to_string(most_samples));
@@ -102,24 +91,58 @@ RbfOptions rbf_options(const v1::RbfMethod& message) {
   for (const auto& sample : message.samples()) {
     options.samples.emplace_back(sample.variables().begin(), sample.variables().end());
   }
-  options.reduction = centre_reduction(message);
-  if (message.reduction_rings() != 0)
-    options.reduction_rings = fitting_int(message.reduction_rings(), "method.rbf.reduction_rings");
+}
+
+// Options that cannot be converted keep their defaults.
+
+RbfOptions rbf_options(const v1::RbfMethod& message, Problems& problems) {
+  const std::string path = "method.rbf.";
+  RbfOptions options;
+  problems.check(path + "kernel", [&] { options.kernel = kernel_from_proto(message.kernel()); });
+  options.shape = message.shape();
+  problems.check(path + "automatic_shape", [&] { options.shape_rule = shape_rule(message); });
+  problems.check(path + "polynomial_degree", [&] {
+    if (message.has_polynomial_degree())
+      options.polynomial_degree = fitting_int(message.polynomial_degree(), path + "polynomial_degree");
+  });
+  problems.check(path + "solver", [&] { options.solver = solver_from_proto(message.solver()); });
+  options.tolerance = message.tolerance() != 0 ? message.tolerance() : default_tolerance(options.solver);
+  problems.check(path + "centre_order", [&] {
+    const bool greedy = known(message.centre_order(), path + "centre_order") == v1::GREEDY;
+    options.centre_order = greedy ? CentreOrder::greedy : CentreOrder::farthest_point;
+  });
+  problems.check(path + "samples", [&] { take_samples(message, options); });
+  problems.check(path + "reduction", [&] { options.reduction = centre_reduction(message); });
+  problems.check(path + "reduction_rings", [&] {
+    if (message.reduction_rings() != 0)
+      options.reduction_rings = fitting_int(message.reduction_rings(), path + "reduction_rings");
+  });
   options.reduction_tolerance = message.reduction_tolerance();
-  options.basis = basis_mode(message.basis(), "method.rbf.basis");
-  options.basis_tolerance = finite(message.basis_tolerance(), "method.rbf.basis_tolerance");
+  problems.check(path + "basis", [&] { options.basis = basis_mode(message.basis(), path + "basis"); });
+  problems.check(path + "basis_tolerance",
+                 [&] { options.basis_tolerance = finite(message.basis_tolerance(), path + "basis_tolerance"); });
   return options;
 }
 
 /// ShellOptions, SubspaceOptions, MlsOptions or FfdOptions.
 template <typename Options>
-void take_energy(const v1::Energy& message, const std::string& path, Options& options) {
-  options.stretching = finite(message.stretching(), path + ".stretching");
-  if (message.has_bending()) options.bending = finite(message.bending(), path + ".bending");
-  options.handles = known(message.handles(), path + ".handles") == v1::HANDLES_SOFT ? HandleMode::soft : HandleMode::hard;
-  if (message.fixing() != 0) options.fixing = finite(message.fixing(), path + ".fixing");
-  options.basis = basis_mode(message.basis(), path + ".basis");
-  options.basis_tolerance = finite(message.basis_tolerance(), path + ".basis_tolerance");
+void take_energy(const v1::Energy& message, const std::string& path, Options& options, Problems& problems) {
+  const auto take = [&](const char* name, const auto& conversion) {
+    const std::string field = path + "." + name;
+    problems.check(field, [&] { conversion(field); });
+  };
+  take("stretching", [&](const std::string& field) { options.stretching = finite(message.stretching(), field); });
+  take("bending", [&](const std::string& field) {
+    if (message.has_bending()) options.bending = finite(message.bending(), field);
+  });
+  take("handles", [&](const std::string& field) {
+    options.handles = known(message.handles(), field) == v1::HANDLES_SOFT ? HandleMode::soft : HandleMode::hard;
+  });
+  take("fixing", [&](const std::string& field) {
+    if (message.fixing() != 0) options.fixing = finite(message.fixing(), field);
+  });
+  take("basis", [&](const std::string& field) { options.basis = basis_mode(message.basis(), field); });
+  take("basis_tolerance", [&](const std::string& field) { options.basis_tolerance = finite(message.basis_tolerance(), field); });
 }
 
 /// How setups were stored before there was `misfit`: without it, but with what else has a default.
@@ -145,10 +168,11 @@ MisfitRule misfit_rule(const Message& message, const std::string& path) {
   return centres ? MisfitRule::centres : MisfitRule::joins;
 }
 
-ShellOptions shell_options(const v1::ShellMethod& message) {
+ShellOptions shell_options(const v1::ShellMethod& message, Problems& problems) {
+  const std::string path = "method.shell.energy";
   ShellOptions options;
-  take_energy(message.energy(), "method.shell.energy", options);
-  known(message.energy().misfit(), "method.shell.energy.misfit");
+  take_energy(message.energy(), path, options, problems);
+  problems.check(path + ".misfit", [&] { known(message.energy().misfit(), path + ".misfit"); });
   return options;
 }
 
@@ -166,12 +190,13 @@ SubspaceLinear subspace_linear(const v1::SubspaceMethod& message) {
   return left_out || !decays ? SubspaceLinear::left_out : SubspaceLinear::added;
 }
 
-SubspaceOptions subspace_options(const v1::SubspaceMethod& message) {
+SubspaceOptions subspace_options(const v1::SubspaceMethod& message, Problems& problems) {
+  const std::string path = "method.subspace.";
   SubspaceOptions options;
-  take_energy(message.energy(), "method.subspace.energy", options);
-  options.misfit = misfit_rule(message, "method.subspace.energy");
-  options.kernel = subspace_kernel(message.kernel());
-  options.linear = subspace_linear(message);
+  take_energy(message.energy(), path + "energy", options, problems);
+  problems.check(path + "energy.misfit", [&] { options.misfit = misfit_rule(message, path + "energy"); });
+  const bool has_kernel = problems.check(path + "kernel", [&] { options.kernel = subspace_kernel(message.kernel()); });
+  if (has_kernel) problems.check(path + "linear", [&] { options.linear = subspace_linear(message); });
   if (message.centres() != 0) options.centres = message.centres();
   options.cover = message.cover() == 0 ? default_cover(options.kernel) : message.cover();
   return options;
@@ -189,21 +214,26 @@ MlsDomain mls_domain(const v1::MlsMethod& message) {
   return message.domain() == v1::DOMAIN_ENCLOSED ? MlsDomain::enclosed : MlsDomain::connected;
 }
 
-MlsOptions mls_options(const v1::MlsMethod& message) {
+MlsOptions mls_options(const v1::MlsMethod& message, Problems& problems) {
+  const std::string path = "method.mls.";
   MlsOptions options;
-  take_energy(message.energy(), "method.mls.energy", options);
-  options.misfit = misfit_rule(message, "method.mls.energy");
-  options.domain = mls_domain(message);
+  take_energy(message.energy(), path + "energy", options, problems);
+  problems.check(path + "energy.misfit", [&] { options.misfit = misfit_rule(message, path + "energy"); });
+  problems.check(path + "domain", [&] { options.domain = mls_domain(message); });
   options.surface_samples = message.surface_samples();
   options.volume_samples = message.volume_samples();
   if (message.cubature() != 0) options.cubature = message.cubature();
   options.cover = message.cover() != 0 ? message.cover() : default_cover(options.domain);
   for (int i = 0; i < message.weights_size(); ++i) {
-    const auto& weights = message.weights(i);
-    const std::string path = "method.mls.weights[" + std::to_string(i) + "]";
-    if (!weights.has_region()) refuse_field(path + ".region", "is missing");
-    options.weights.push_back({region_from_proto(weights.region(), path + ".region"),
-                               finite(weights.stretching(), path + ".stretching"), finite(weights.bending(), path + ".bending")});
+    const auto& from = message.weights(i);
+    auto& weights = options.weights.emplace_back(MlsOptions::Weights{{Region::All{}}, 0, 1});
+    const std::string own = path + "weights[" + std::to_string(i) + "]";
+    problems.check(own + ".region", [&] {
+      if (!from.has_region()) refuse_field(own + ".region", "is missing");
+      weights.region = region_from_proto(from.region(), own + ".region");
+    });
+    problems.check(own + ".stretching", [&] { weights.stretching = finite(from.stretching(), own + ".stretching"); });
+    problems.check(own + ".bending", [&] { weights.bending = finite(from.bending(), own + ".bending"); });
   }
   return options;
 }
@@ -219,17 +249,18 @@ FfdControl ffd_control(v1::FfdControl control) {
   }
 }
 
-FfdOptions ffd_options(const v1::FfdMethod& message) {
+FfdOptions ffd_options(const v1::FfdMethod& message, Problems& problems) {
+  const std::string path = "method.ffd.";
   FfdOptions options;
-  take_energy(message.energy(), "method.ffd.energy", options);
-  options.misfit = misfit_rule(message, "method.ffd.energy");
-  options.lattice = lattice_from_proto(message.lattice());
-  options.control = ffd_control(message.control());
-  options.clamp = finite(message.clamp(), "method.ffd.clamp");
+  take_energy(message.energy(), path + "energy", options, problems);
+  problems.check(path + "energy.misfit", [&] { options.misfit = misfit_rule(message, path + "energy"); });
+  problems.check(path + "lattice", [&] { options.lattice = lattice_from_proto(message.lattice()); });
+  problems.check(path + "control", [&] { options.control = ffd_control(message.control()); });
+  problems.check(path + "clamp", [&] { options.clamp = finite(message.clamp(), path + "clamp"); });
   return options;
 }
 
-CageOptions cage_options(const v1::CageMethod& message) {
+void take_cage(const v1::CageMethod& message, CageOptions& options) {
   const std::string path = "method.cage";
   if (!message.file().empty()) {
     refuse_field(path + ".file",
@@ -240,10 +271,6 @@ CageOptions cage_options(const v1::CageMethod& message) {
                  "only setup files have it, and whoever reads one makes the cage; send its points and triangles as vertices and "
                  "triangles");
   }
-  const v1::CageCoordinates coordinates = known(message.coordinates(), path + ".coordinates");
-  const v1::FfdControl control = known(message.control(), path + ".control");
-  if (control == v1::ENERGY) refuse_field(path + ".control", "a cage has no ENERGY; use CONTROLS or MESH");
-  CageOptions options;
   const auto threes = [&](int numbers, const char* field) {
     if (numbers % 3 != 0) refuse_field(path + field, std::to_string(numbers) + " numbers are not a multiple of 3");
     return static_cast<std::size_t>(numbers) / 3;
@@ -256,11 +283,25 @@ CageOptions cage_options(const v1::CageMethod& message) {
   for (std::size_t i = 0; i < 3 * options.triangles.size(); ++i) {
     options.triangles[i / 3][i % 3] = message.triangles(static_cast<int>(i));
   }
-  options.coordinates = coordinates == v1::GREEN ? CageCoordinates::green : CageCoordinates::mean_value;
-  options.control = control == v1::MESH ? CageControl::mesh : CageControl::controls;
-  options.clamp = finite(message.clamp(), path + ".clamp");
-  options.basis = basis_mode(message.basis(), path + ".basis");
-  options.basis_tolerance = finite(message.basis_tolerance(), path + ".basis_tolerance");
+}
+
+CageOptions cage_options(const v1::CageMethod& message, Problems& problems) {
+  const std::string path = "method.cage";
+  CageOptions options;
+  problems.check(path + ".coordinates", [&] {
+    const bool green = known(message.coordinates(), path + ".coordinates") == v1::GREEN;
+    options.coordinates = green ? CageCoordinates::green : CageCoordinates::mean_value;
+  });
+  problems.check(path + ".control", [&] {
+    const v1::FfdControl control = known(message.control(), path + ".control");
+    if (control == v1::ENERGY) refuse_field(path + ".control", "a cage has no ENERGY; use CONTROLS or MESH");
+    options.control = control == v1::MESH ? CageControl::mesh : CageControl::controls;
+  });
+  problems.check(path, [&] { take_cage(message, options); });
+  problems.check(path + ".clamp", [&] { options.clamp = finite(message.clamp(), path + ".clamp"); });
+  problems.check(path + ".basis", [&] { options.basis = basis_mode(message.basis(), path + ".basis"); });
+  problems.check(path + ".basis_tolerance",
+                 [&] { options.basis_tolerance = finite(message.basis_tolerance(), path + ".basis_tolerance"); });
   return options;
 }
 
@@ -384,20 +425,25 @@ void canonicalize_cage(v1::CageMethod& cage) {
 }  // namespace
 
 MethodOptions method_from_proto(const v1::Method& message) {
+  Problems problems(Problems::Mode::throw_first);
+  return method_from_proto(message, problems);
+}
+
+MethodOptions method_from_proto(const v1::Method& message, Problems& problems) {
   switch (message.kind_case()) {
     case v1::Method::kShell:
-      return shell_options(message.shell());
+      return shell_options(message.shell(), problems);
     case v1::Method::kSubspace:
-      return subspace_options(message.subspace());
+      return subspace_options(message.subspace(), problems);
     case v1::Method::kMls:
-      return mls_options(message.mls());
+      return mls_options(message.mls(), problems);
     case v1::Method::kFfd:
-      return ffd_options(message.ffd());
+      return ffd_options(message.ffd(), problems);
     case v1::Method::kCage:
-      return cage_options(message.cage());
+      return cage_options(message.cage(), problems);
     case v1::Method::kRbf:
     case v1::Method::KIND_NOT_SET:
-      return rbf_options(message.rbf());
+      return rbf_options(message.rbf(), problems);
   }
   refuse_kind(message);
 }

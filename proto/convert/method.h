@@ -10,6 +10,9 @@ namespace deform::convert {
 /// Converts a method; an empty message means rbf with its defaults. Throws Error(invalid_argument) with the path of the field,
 /// see setup.h.
 MethodOptions method_from_proto(const v1::Method& message);
+/// The same, adding errors to `problems`, each under the path of its option. Options that cannot be converted keep their
+/// defaults.
+MethodOptions method_from_proto(const v1::Method& message, Problems& problems);
 
 /// Sets the kernel of an rbf method without one from the bounding box of the geometry (default_kernel() of core).
 void set_default_kernel(v1::Method& message, const v1::GeometryInfo& geometry);

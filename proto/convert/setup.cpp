@@ -123,6 +123,21 @@ void canonicalize_motion(Message& message) {
   if (message.has_scale()) fill_point(*message.mutable_scale()->mutable_centre());
 }
 
+/// The method of a stage, with problems under the path of the stage.
+MethodOptions method_of_stage(const v1::Method& message, const std::string& prefix, Problems& problems) {
+  Problems own(problems.collects() ? Problems::Mode::collect : Problems::Mode::throw_first);
+  MethodOptions options;
+  try {
+    options = method_from_proto(message, own);
+  } catch (const Error& error) {
+    throw Error(error.code(), prefix + error.what());
+  }
+  for (const Problem& problem : own.list()) {
+    problems.check(prefix + problem.field, [&] { throw Error(ErrorCode::invalid_argument, prefix + problem.message); });
+  }
+  return options;
+}
+
 }  // namespace
 
 Setup setup_from_proto(const v1::Setup& message, std::size_t max_handles) {
@@ -150,20 +165,14 @@ Setup setup_from_proto(const v1::Setup& message, std::size_t max_handles, Proble
   check_count("constraints", message.constraints_size(), most_constraints);
 
   Setup setup;
-  problems.check("method", [&] { setup.method = method_from_proto(message.method()); });
+  setup.method = method_from_proto(message.method(), problems);
   setup.seed = message.seed();
   add_handles(message.handles(), "", 0, setup, problems);
   add_fixed(message.fixed(), "", setup.fixed, problems);
   for (int i = 0; i < message.then_size(); ++i) {
     const std::string prefix = indexed("then", i) + ".";
     Stage& stage = setup.then.emplace_back();
-    problems.check(prefix + "method", [&] {
-      try {
-        stage.method = method_from_proto(message.then(i).method());
-      } catch (const Error& error) {
-        throw Error(error.code(), prefix + error.what());
-      }
-    });
+    stage.method = method_of_stage(message.then(i).method(), prefix, problems);
     add_handles(message.then(i).handles(), prefix, static_cast<std::size_t>(i) + 1, setup, problems);
     add_fixed(message.then(i).fixed(), prefix, stage.fixed, problems);
   }

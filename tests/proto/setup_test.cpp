@@ -123,8 +123,103 @@ TEST(ConvertSetup, MethodsFollowEachOther) {
   ASSERT_EQ(problems.list().size(), 3u);
   EXPECT_EQ(problems.list()[0].field, "handles[0].region");
   EXPECT_EQ(problems.list()[1].field, "then[0].handles[0].region");
-  EXPECT_EQ(problems.list()[2].field, "then[0].method");
+  EXPECT_EQ(problems.list()[2].field, "then[0].method.shell.fixing");
   EXPECT_EQ(problems.list()[2].message.find("then[0].method.shell.fixing"), 0u) << problems.list()[2].message;
+}
+
+/// What cannot be converted keeps its default, and hides nothing else.
+TEST(ConvertSetup, OptionsOfAMethodAreConvertedEachForItself) {
+  const auto found = [](const v1::Method& method) {
+    v1::Setup message = two_methods();
+    *message.mutable_method() = method;
+    *message.mutable_then(0)->mutable_method() = method;
+    Problems problems(Problems::Mode::collect);
+    const deform::Setup setup = setup_from_proto(message, 10, problems);
+    validate(setup, sheet_mesh(8, 4), problems);
+    std::vector<std::string> first, second;
+    const std::string prefix = "then[0].";
+    for (const Problem& problem : problems.list()) {
+      EXPECT_EQ(problem.message.find(problem.field), 0u) << problem.field << ": " << problem.message;
+      if (problem.field.starts_with(prefix)) {
+        second.push_back(problem.field.substr(prefix.size()));
+      } else {
+        first.push_back(problem.field);
+      }
+    }
+    EXPECT_EQ(first, second);
+    return first;
+  };
+  using Fields = std::vector<std::string>;
+  v1::Method method;
+  v1::RbfMethod& rbf = *method.mutable_rbf();
+  rbf.set_kernel(static_cast<v1::Kernel>(99));
+  rbf.set_automatic_shape(static_cast<v1::AutomaticShape>(99));
+  rbf.set_polynomial_degree(4'000'000'000u);
+  rbf.set_solver(static_cast<v1::Solver>(99));
+  rbf.set_centre_order(static_cast<v1::CentreOrder>(99));
+  rbf.set_reduction(static_cast<v1::CentreReduction>(99));
+  rbf.set_reduction_rings(4'000'000'000u);
+  rbf.set_basis(static_cast<v1::BasisMode>(99));
+  rbf.set_basis_tolerance(NAN);
+  rbf.set_tolerance(2);
+  for (int i = 0; i < 1001; ++i) rbf.add_samples();
+  EXPECT_EQ(found(method),
+            (Fields{"method.rbf.kernel", "method.rbf.automatic_shape", "method.rbf.polynomial_degree", "method.rbf.solver",
+                    "method.rbf.centre_order", "method.rbf.samples", "method.rbf.reduction", "method.rbf.reduction_rings",
+                    "method.rbf.basis", "method.rbf.basis_tolerance", "method.rbf.tolerance"}));
+  rbf.Clear();
+  rbf.set_kernel(static_cast<v1::Kernel>(99));
+  rbf.set_polynomial_degree(0);  // which kernels allow it is not known
+  EXPECT_EQ(found(method), Fields{"method.rbf.kernel"});
+  v1::Energy& energy = *method.mutable_shell()->mutable_energy();
+  energy.set_stretching(NAN);
+  energy.set_bending(NAN);
+  energy.set_handles(static_cast<v1::HandleMode>(99));
+  energy.set_fixing(NAN);
+  energy.set_basis(static_cast<v1::BasisMode>(99));
+  energy.set_basis_tolerance(NAN);
+  energy.set_misfit(static_cast<v1::MisfitRule>(99));
+  const Fields of_energy{"stretching", "bending", "handles", "fixing", "basis", "basis_tolerance", "misfit"};
+  const auto of_path = [&](const std::string& path, const Fields& more) {
+    Fields all;
+    for (const std::string& field : of_energy) all.push_back(path + ".energy." + field);
+    for (const std::string& field : more) all.push_back(path + "." + field);
+    return all;
+  };
+  EXPECT_EQ(found(method), of_path("method.shell", {}));
+  const v1::Energy wrong = energy;
+  v1::SubspaceMethod& subspace = *method.mutable_subspace();
+  *subspace.mutable_energy() = wrong;
+  subspace.set_kernel(static_cast<v1::SubspaceKernel>(99));
+  subspace.set_centres(2);
+  EXPECT_EQ(found(method), of_path("method.subspace", {"kernel", "centres"}));
+  subspace.set_kernel(v1::SUBSPACE_MLS);
+  subspace.set_linear(static_cast<v1::SubspaceLinear>(99));
+  EXPECT_EQ(found(method), of_path("method.subspace", {"linear", "centres"}));
+  v1::MlsMethod& mls = *method.mutable_mls();
+  *mls.mutable_energy() = wrong;
+  mls.set_domain(static_cast<v1::MlsDomain>(99));
+  mls.add_weights()->set_stretching(NAN);
+  mls.add_weights()->mutable_region()->set_group("nobody");
+  mls.mutable_weights(1)->set_bending(1);
+  mls.set_cover(2);
+  EXPECT_EQ(found(method),
+            of_path("method.mls", {"domain", "weights[0].region", "weights[0].stretching", "cover", "weights[1]"}));
+  v1::FfdMethod& ffd = *method.mutable_ffd();
+  *ffd.mutable_energy() = wrong;
+  ffd.mutable_lattice()->add_points(3);
+  ffd.set_control(static_cast<v1::FfdControl>(99));
+  ffd.set_clamp(NAN);
+  EXPECT_EQ(found(method), of_path("method.ffd", {"lattice", "control", "clamp"}));
+  v1::CageMethod& cage = *method.mutable_cage();
+  cage.set_coordinates(static_cast<v1::CageCoordinates>(99));
+  cage.set_control(v1::ENERGY);
+  cage.add_vertices(1);
+  cage.set_clamp(NAN);
+  cage.set_basis(static_cast<v1::BasisMode>(99));
+  cage.set_basis_tolerance(NAN);
+  EXPECT_EQ(found(method), (Fields{"method.cage.coordinates", "method.cage.control", "method.cage", "method.cage.clamp",
+                                   "method.cage.basis", "method.cage.basis_tolerance"}));
 }
 
 TEST(ConvertSetup, AGeneratedCageIsOfFilesOnly) {

@@ -85,7 +85,7 @@ struct UniformBlendMethod {
   static constexpr std::string_view name = "uniform_blend";
   static constexpr MethodFeatures features{};
   static std::vector<OptionRegion> regions(Options&) { return {}; }
-  static void validate(const Options&, const Setup&, const Mesh&) {}
+  static void validate(const Options&, const Setup&, const Mesh&, Problems&) {}
   static std::optional<std::vector<PointId>> known_centres(const Options&, const Mesh&, const SelectedRegions&,
                                                            const RunContext&) {
     return {};

@@ -128,18 +128,18 @@ Estimate estimate_green(const CageOptions& options, const Mesh& mesh, const Setu
   return estimate;
 }
 
-void validate_green(const CageOptions& options, const Setup& setup, const Mesh& mesh) {
-  if (options.control == CageControl::mesh) {
+void validate_green(const CageOptions& options, Problems& problems) {
+  problems.check("method.cage.coordinates", [&] {
+    if (options.control != CageControl::mesh) return;
     refuse_argument(
         "method.cage.coordinates: GREEN go with control CONTROLS only, as points are no linear function of the vertices, which "
         "direct "
         "manipulation needs; use coordinates MEAN_VALUE or control CONTROLS");
-  }
-  if (options.basis_tolerance != 0) {
+  });
+  problems.check("method.cage.basis_tolerance", [&] {
+    if (options.basis_tolerance == 0) return;
     refuse_argument("method.cage.basis_tolerance: coordinates GREEN have no handle basis; leave it out");
-  }
-  // With symmetry the cage has images, and estimate() checks the same.
-  if (setup.symmetry.empty()) check_cage_box(options.vertices, mesh);
+  });
 }
 
 std::shared_ptr<const System> prepare_mesh(const CageOptions& options, const std::shared_ptr<const Mesh>& mesh,
@@ -167,18 +167,25 @@ std::shared_ptr<const System> prepare_mesh(const CageOptions& options, const std
 
 }  // namespace
 
-void CageMethod::validate(const CageOptions& options, const Setup& setup, const Mesh& mesh) {
-  cage_of(options);
-  check_basis_tolerance(options.basis_tolerance, "method.cage.basis_tolerance");
-  if (options.coordinates == CageCoordinates::green) validate_green(options, setup, mesh);
+void CageMethod::validate(const CageOptions& options, const Setup& setup, const Mesh& mesh, Problems& problems) {
+  const bool green = options.coordinates == CageCoordinates::green;
+  if (!problems.contain("method.cage")) {
+    const bool is_cage = problems.check("method.cage", [&] { cage_of(options); });
+    // With symmetry the cage has images, and estimate() checks the same.
+    if (is_cage && green && setup.symmetry.empty() && options.control != CageControl::mesh) {
+      problems.check("method.cage.coordinates", [&] { check_cage_box(options.vertices, mesh); });
+    }
+  }
+  check_basis_tolerance(problems, options.basis_tolerance, "method.cage.basis_tolerance");
+  if (green) validate_green(options, problems);
   if (options.control == CageControl::controls) return;
-  if (options.vertices.size() > ClampedInverse::most_functions) {
+  problems.check("method.cage.control", [&] {
+    if (options.vertices.size() <= ClampedInverse::most_functions) return;
     refuse_argument("method.cage.control: MESH takes cages of at most " + std::to_string(ClampedInverse::most_functions) +
                     " vertices, this one has " + std::to_string(options.vertices.size()));
-  }
-  if (options.clamp != 0) {
-    check_option_range(options.clamp, ClampedInverse::least_clamp, ClampedInverse::largest_clamp, "method.cage.clamp");
-  }
+  });
+  if (options.clamp == 0) return;
+  check_option_range(problems, options.clamp, ClampedInverse::least_clamp, ClampedInverse::largest_clamp, "method.cage.clamp");
 }
 
 Estimate CageMethod::estimate(const CageOptions& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions,

@@ -17,7 +17,7 @@ struct CageMethod {
   static constexpr std::string_view name = "cage";
   static constexpr MethodFeatures features{.control_points = true};
   static std::vector<OptionRegion> regions(CageOptions&) { return {}; }
-  static void validate(const CageOptions& options, const Setup& setup, const Mesh& mesh);
+  static void validate(const CageOptions& options, const Setup& setup, const Mesh& mesh, Problems& problems);
   static bool selects_controls(const CageOptions& options) { return options.control == CageControl::controls; }
   static ControlSet controls(const CageOptions& options, const Mesh&, const Symmetry&) { return {options.vertices.size()}; }
   static std::vector<Vec3> control_places(const CageOptions& options, const Mesh&, const Symmetry&) { return options.vertices; }

@@ -9,7 +9,7 @@
 
 #include "core/base/vectors.h"
 #include "core/deformers/constrained/held_misfit.h"
-#include "core/deformers/handles/turn_warnings.h"
+#include "core/deformers/handles/motion_warnings.h"
 
 namespace deform {
 
@@ -32,8 +32,8 @@ void add_heights(const std::vector<double>& heights, std::optional<ConstraintRep
 EnergyEvaluation::EnergyEvaluation(std::shared_ptr<const EnergySystem> system, std::span<const Design> designs,
                                    EvaluationPath path, WarmStart* warm, const RunContext& context)
     : HandleEvaluation(system, designs, path, context), system_(*system), solutions_(designs.size()) {
-  for (std::size_t i = 0; i < designs.size() && system_.model_.of_shell; ++i) {
-    add_turn_warnings(system_.setup_, designs_[i], reports_[i]);
+  for (std::size_t i = 0; i < designs.size(); ++i) {
+    add_motion_warnings(system_.held(), system_.model_.motions, designs_[i], reports_[i]);
   }
   if (system_.constrained_ == nullptr) {
     solve(context);

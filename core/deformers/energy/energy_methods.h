@@ -17,7 +17,7 @@ template <typename O>
 struct EnergyMethod {
   using Options = O;
   static std::vector<OptionRegion> regions(O&) { return {}; }
-  static void validate(const O& options, const Setup& setup, const Mesh& mesh);
+  static void validate(const O& options, const Setup& setup, const Mesh& mesh, Problems& problems);
   /// Energy methods have no centres.
   static std::optional<std::vector<PointId>> known_centres(const O&, const Mesh&, const SelectedRegions&, const RunContext&) {
     return std::nullopt;

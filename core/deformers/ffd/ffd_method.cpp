@@ -58,28 +58,33 @@ Estimate estimate_mesh(const FfdOptions& options, const Mesh& mesh, const Setup&
 
 }  // namespace
 
-void FfdMethod::validate(const FfdOptions& options, const Setup& setup, const Mesh& mesh) {
-  ByEnergy::validate(options, setup, mesh);
+void FfdMethod::validate(const FfdOptions& options, const Setup& setup, const Mesh& mesh, Problems& problems) {
+  ByEnergy::validate(options, setup, mesh, problems);
   if (options.control == FfdControl::energy) {
-    if (options.lattice.control_points.empty()) return;
-    refuse_argument(
-        "method.ffd.lattice.control_points: control ENERGY integrates over a lattice at rest; use control MESH or "
-        "CONTROLS, or leave them out");
+    problems.check("method.ffd.lattice.control_points", [&] {
+      if (options.lattice.control_points.empty()) return;
+      refuse_argument(
+          "method.ffd.lattice.control_points: control ENERGY integrates over a lattice at rest; use control MESH or "
+          "CONTROLS, or leave them out");
+    });
+    return;
   }
-  if (!setup.constraints.empty()) {
+  problems.check("method", [&] {
+    if (setup.constraints.empty()) return;
     refuse_argument(std::string("constraints: method.ffd with control ") + name_of(options.control) +
                     " does not take geometric constraints; use control ENERGY");
-  }
+  });
   if (options.control == FfdControl::controls) return;
-  const auto& points = options.lattice.points;
-  if (options.lattice.basis == LatticeBasis::bernstein && points[0] * points[1] * points[2] > ClampedInverse::most_functions) {
+  problems.check("method.ffd.lattice.points", [&] {
+    const auto& points = options.lattice.points;
+    const std::size_t all = points[0] * points[1] * points[2];
+    if (options.lattice.basis != LatticeBasis::bernstein || all <= ClampedInverse::most_functions) return;
     refuse_argument("method.ffd.lattice.points: BERNSTEIN functions reach all points, so that control MESH takes at most " +
-                    std::to_string(ClampedInverse::most_functions) + " of them, here are " +
-                    std::to_string(points[0] * points[1] * points[2]) + "; use another basis, or control ENERGY");
-  }
-  if (options.clamp != 0) {
-    check_option_range(options.clamp, ClampedInverse::least_clamp, ClampedInverse::largest_clamp, "method.ffd.clamp");
-  }
+                    std::to_string(ClampedInverse::most_functions) + " of them, here are " + std::to_string(all) +
+                    "; use another basis, or control ENERGY");
+  });
+  if (options.clamp == 0) return;
+  check_option_range(problems, options.clamp, ClampedInverse::least_clamp, ClampedInverse::largest_clamp, "method.ffd.clamp");
 }
 
 ControlSet FfdMethod::controls(const FfdOptions& options, const Mesh& mesh, const Symmetry& symmetry) {

@@ -19,7 +19,7 @@ struct FfdMethod {
   static constexpr MethodFeatures features{.constraints = true, .control_points = true, .more_of = "control points"};
   static std::vector<OptionRegion> regions(FfdOptions&) { return {}; }
   /// Rejects constraints unless control is FfdControl::energy, and moved control points if it is.
-  static void validate(const FfdOptions& options, const Setup& setup, const Mesh& mesh);
+  static void validate(const FfdOptions& options, const Setup& setup, const Mesh& mesh, Problems& problems);
   static bool selects_controls(const FfdOptions& options) { return options.control == FfdControl::controls; }
   static ControlSet controls(const FfdOptions& options, const Mesh& mesh, const Symmetry& symmetry);
   static std::vector<Vec3> control_places(const FfdOptions& options, const Mesh& mesh, const Symmetry& symmetry);

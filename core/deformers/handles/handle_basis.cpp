@@ -33,8 +33,8 @@ std::size_t HandleBasis::peak_bytes_for(std::size_t points, std::size_t fields, 
          static_cast<std::size_t>(thread_count({})) * matrices * block;
 }
 
-void check_basis_tolerance(double tolerance, const std::string& field) {
-  if (tolerance != 0) check_option_range(tolerance, least_basis_tolerance, largest_basis_tolerance, field);
+void check_basis_tolerance(Problems& problems, double tolerance, const std::string& field) {
+  if (tolerance != 0) check_option_range(problems, tolerance, least_basis_tolerance, largest_basis_tolerance, field);
 }
 
 bool wants_basis(BasisMode mode, std::size_t basis_bytes, std::size_t factor_bytes) {

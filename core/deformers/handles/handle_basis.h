@@ -10,6 +10,7 @@
 #include "core/base/run_context.h"
 #include "core/deformers/handles/compressed_fields.h"
 #include "core/deformers/handles/field_tiles.h"
+#include "core/deformers/handles/motion_warnings.h"
 #include "core/deformers/setup.h"
 
 namespace deform {
@@ -59,13 +60,13 @@ struct BasisTraits {
   HandleMode handles = HandleMode::hard;
   UnitLength unit = UnitLength::diagonal;
   bool may_crack = false;  ///< coincident handle and fixed points may separate
-  bool of_shell = false;   ///< handles that turn are warned of, see add_turn_warnings()
+  SharedMotions motions{};
 };
 
-/// The limits of the tolerance of a basis; 0 means doubles. check_basis_tolerance() throws Error(invalid_argument) naming
+/// The limits of the tolerance of a basis; 0 means doubles. check_basis_tolerance() is a check of `problems` under the name of
 /// the field.
 inline constexpr double least_basis_tolerance = 1e-12, largest_basis_tolerance = 1e-3;
-void check_basis_tolerance(double tolerance, const std::string& field);
+void check_basis_tolerance(Problems& problems, double tolerance, const std::string& field);
 
 /// Whether a basis of this size is stored in addition to a factor of this size, in bytes.
 bool wants_basis(BasisMode mode, std::size_t basis_bytes, std::size_t factor_bytes);

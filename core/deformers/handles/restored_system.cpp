@@ -5,7 +5,7 @@
 
 #include "core/base/error.h"
 #include "core/deformers/handles/handle_evaluation.h"
-#include "core/deformers/handles/turn_warnings.h"
+#include "core/deformers/handles/motion_warnings.h"
 
 namespace deform {
 
@@ -22,8 +22,8 @@ class RestoredEvaluation : public HandleEvaluation {
                      const RunContext& context)
       : HandleEvaluation(system, designs, path, context) {
     require_basis();
-    for (std::size_t i = 0; i < designs.size() && system->traits_.of_shell; ++i) {
-      add_turn_warnings(system->setup_, designs_[i], reports_[i]);
+    for (std::size_t i = 0; i < designs.size(); ++i) {
+      add_motion_warnings(system->held(), system->traits_.motions, designs_[i], reports_[i]);
     }
     judge();
   }

@@ -104,27 +104,41 @@ RbfOptions with_defaults(RbfOptions options, const Mesh& mesh) {
   return options;
 }
 
-void RbfMethod::validate(const RbfOptions& options, const Setup& setup, const Mesh& mesh) {
-  if (options.tolerance != 0) check_option_range(options.tolerance, least_tolerance, largest_tolerance, "method.rbf.tolerance");
-  if (!(options.shape >= 0 && options.shape <= 100)) {
-    refuse_argument("method.rbf.shape: " + number_digits(options.shape) + " is out of range, must be 0 (automatic) or up to 100");
+namespace {
+
+/// The kernel of a method whose option is wrong is another one.
+void check_degree(const RbfOptions& options, const Mesh& mesh, bool kernel_is_known) {
+  const int degree = options.polynomial_degree;
+  const std::string field = "method.rbf.polynomial_degree: " + std::to_string(degree);
+  if (degree < -1 || degree > 2) {
+    refuse_argument(field + " is out of range, at least the order of the kernel - 1 and at most 2");
   }
-  check_option_range(options.reduction_rings, 1, 100, "method.rbf.reduction_rings");
-  check_basis_tolerance(options.basis_tolerance, "method.rbf.basis_tolerance");
-  if (options.reduction_tolerance != 0) {
-    check_option_range(options.reduction_tolerance, 1e-8, 0.1, "method.rbf.reduction_tolerance");
-  }
+  if (degree < 0 || !kernel_is_known) return;
   const KernelProperties kernel = properties(*with_defaults(options, mesh).kernel);
-  if (options.polynomial_degree < -1 || options.polynomial_degree > 2) {
-    refuse_argument("method.rbf.polynomial_degree: " + std::to_string(options.polynomial_degree) +
-                    " is out of range, at least the order of the kernel - 1 and at most 2");
+  if (degree < kernel.order - 1) {
+    refuse_argument(field + " is too small, the kernel " + kernel.name + " needs at least " + std::to_string(kernel.order - 1));
   }
-  if (options.polynomial_degree >= 0 && options.polynomial_degree < kernel.order - 1) {
-    refuse_argument("method.rbf.polynomial_degree: " + std::to_string(options.polynomial_degree) + " is too small, the kernel " +
-                    kernel.name + " needs at least " + std::to_string(kernel.order - 1));
+}
+
+}  // namespace
+
+void RbfMethod::validate(const RbfOptions& options, const Setup& setup, const Mesh& mesh, Problems& problems) {
+  if (options.tolerance != 0) {
+    check_option_range(problems, options.tolerance, least_tolerance, largest_tolerance, "method.rbf.tolerance");
   }
+  problems.check("method.rbf.shape", [&] {
+    if (options.shape >= 0 && options.shape <= 100) return;
+    refuse_argument("method.rbf.shape: " + number_digits(options.shape) + " is out of range, must be 0 (automatic) or up to 100");
+  });
+  check_option_range(problems, options.reduction_rings, 1, 100, "method.rbf.reduction_rings");
+  check_basis_tolerance(problems, options.basis_tolerance, "method.rbf.basis_tolerance");
+  if (options.reduction_tolerance != 0) {
+    check_option_range(problems, options.reduction_tolerance, 1e-8, 0.1, "method.rbf.reduction_tolerance");
+  }
+  problems.check("method.rbf.polynomial_degree", [&] { check_degree(options, mesh, !problems.concern("method.rbf.kernel")); });
   for (std::size_t s = 0; s < options.samples.size(); ++s) {
-    validate_sample(setup, options.samples[s], "method.rbf.samples[" + std::to_string(s) + "]");
+    const std::string field = "method.rbf.samples[" + std::to_string(s) + "]";
+    problems.check(field, [&] { validate_sample(setup, options.samples[s], field); });
   }
 }
 

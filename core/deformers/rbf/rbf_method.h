@@ -21,7 +21,7 @@ struct RbfMethod {
   static constexpr std::string_view name = "rbf";
   static constexpr MethodFeatures features{.symmetry = true, .measures_condition = true};
   static std::vector<OptionRegion> regions(RbfOptions&) { return {}; }
-  static void validate(const RbfOptions& options, const Setup& setup, const Mesh& mesh);
+  static void validate(const RbfOptions& options, const Setup& setup, const Mesh& mesh, Problems& problems);
   /// std::nullopt for INCREMENTAL_QR, and if centres are chosen to a tolerance.
   static std::optional<std::vector<PointId>> known_centres(const RbfOptions& options, const Mesh& mesh,
                                                            const SelectedRegions& regions, const RunContext& context);

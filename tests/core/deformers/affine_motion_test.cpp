@@ -189,5 +189,135 @@ TEST(AffineMotion, ShellsSayThatTheyDoNotTurn) {
   EXPECT_EQ(warnings(RbfOptions{}, 20).size(), 0u);
 }
 
+MlsOptions few_samples(double stretching) {
+  MlsOptions options;
+  options.surface_samples = options.volume_samples = 200;
+  options.stretching = stretching;
+  return options;
+}
+
+FfdOptions small_lattice(double stretching) {
+  FfdOptions options;
+  options.lattice.points = {7, 7, 7};
+  options.stretching = stretching;
+  return options;
+}
+
+/// Not even a translation is followed.
+TEST(AffineMotion, IsMissedByKernelsThatDecayAloneWhichSaySo) {
+  const Mesh mesh = bumpy();
+  SubspaceOptions options;
+  options.centres = 100;
+  const auto told = [&](const Affine& map) {
+    const auto system = prepare(std::make_shared<const Mesh>(mesh), between(mesh, options));
+    const Design design{{}, {{0, map}}};
+    std::vector<std::string> warnings = system->bind({&design, 1}, EvaluationPath::direct, {})->report(0).warnings;
+    EXPECT_EQ(system->bind({&design, 1}, EvaluationPath::basis, {})->report(0).warnings, warnings);
+    return warnings;
+  };
+  Affine up = identity_affine;
+  up[11] = 0.1;
+  for (const std::optional<Kernel> kernel : {std::optional(Kernel::wendland_c2), std::optional(Kernel::gaussian)}) {
+    options.kernel = kernel;
+    options.linear = SubspaceLinear::left_out;
+    ASSERT_EQ(told(up).size(), 1u);
+    EXPECT_NE(told(up)[0].find("LINEAR_LEFT_OUT"), std::string::npos) << told(up)[0];
+    EXPECT_EQ(told(identity_affine).size(), 0u) << "nothing moves";
+    options.linear = SubspaceLinear::added;
+    EXPECT_EQ(told(up).size(), 0u);
+  }
+  options.linear = SubspaceLinear::left_out;
+  for (const std::optional<Kernel> kernel : {std::optional<Kernel>(), std::optional(Kernel::triharmonic)}) {
+    options.kernel = kernel;
+    EXPECT_EQ(told(up).size(), 0u) << "there is nothing to leave out";
+  }
+}
+
+/// A turn of all handles is missed in proportion to stretching over bending. It is warned of from 1 on, also in a part of the
+/// body.
+TEST(AffineMotion, IsMissedByStretchingWhichSaysSo) {
+  const Mesh mesh = bumpy();
+  MlsOptions in_a_region = few_samples(0);
+  in_a_region.weights = {{{Region::InBox{{-0.3, -9, -9}, {0.3, 9, 9}}}, 10, 1}};
+  struct Row {
+    MethodOptions method;
+    double least, most;
+    bool warned;
+  };
+  const std::vector<Row> rows{{few_samples(0), 0, 1e-9, false},   {few_samples(0.1), 1e-6, 1e-3, false},
+                              {few_samples(10), 1e-3, 1, true},   {in_a_region, 1e-3, 1, true},
+                              {small_lattice(0), 0, 1e-9, false}, {small_lattice(0.1), 1e-6, 1e-3, false},
+                              {small_lattice(1), 1e-3, 1, true}};
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    const auto& [method, least, most, warned] = rows[i];
+    const double missed = largest_error(mesh, method);
+    EXPECT_GE(missed, least) << i;
+    EXPECT_LE(missed, most) << i;
+    const auto system = prepare(std::make_shared<const Mesh>(mesh), between(mesh, method));
+    const Design design{{}, {{0, turned()}, {1, turned()}}};
+    for (const EvaluationPath path : {EvaluationPath::automatic, EvaluationPath::direct}) {
+      const std::vector<std::string> warnings = system->bind({&design, 1}, path, {})->report(0).warnings;
+      ASSERT_EQ(warnings.size(), warned ? 2u : 0u) << i;
+      if (!warned) continue;
+      EXPECT_NE(warnings[0].find("handle \"first\" turns by 3"), std::string::npos) << warnings[0];
+      EXPECT_NE(warnings[0].find("`stretching` far below `bending`"), std::string::npos) << warnings[0];
+    }
+  }
+}
+
+/// A turn that is prescribed point by point is seen as well.
+TEST(AffineMotion, DisplacementsThatTurnAreWarnedOf) {
+  const Mesh mesh = bumpy();
+  const auto with = [&](const MethodOptions& method, const Region& of, const auto& displacement) {
+    deform::Setup setup = between(mesh, method);
+    setup.handles[1].region = of;
+    const auto system = prepare(std::make_shared<const Mesh>(mesh), setup);
+    std::vector<Vec3> u;
+    for (const PointId id : select(of, mesh, "of")) u.push_back(displacement(mesh.points[id]));
+    const Design design{{}, {{1, std::move(u)}}};
+    return system->bind({&design, 1}, EvaluationPath::automatic, {})->report(0).warnings;
+  };
+  const auto by = [](double degrees) {
+    return [degrees](const Vec3& x) {
+      const double c = std::cos(degrees * M_PI / 180), s = std::sin(degrees * M_PI / 180);
+      return Vec3{c * x[0] - s * x[1] + 5 - x[0], s * x[0] + c * x[1] - x[1], 0.2 * x[2]};
+    };
+  };
+  const Region end = between(mesh, ShellOptions{}).handles[1].region;
+  for (const HandleMode handles : {HandleMode::hard, HandleMode::soft}) {
+    ShellOptions shell;
+    shell.handles = handles;
+    const std::vector<std::string> told = with(shell, end, by(40));
+    ASSERT_EQ(told.size(), 1u);
+    EXPECT_NE(told[0].find("handle \"last\" turns by 40 degrees, as its displacements tell"), std::string::npos) << told[0];
+    EXPECT_TRUE(with(shell, end, by(14)).empty());
+    EXPECT_EQ(with(shell, end, by(-16)).size(), 1u);
+    EXPECT_EQ(with(shell, end, by(170)).size(), 1u) << "farther than a right angle";
+  }
+  SubspaceOptions subspace;
+  subspace.centres = 100;
+  EXPECT_EQ(with(subspace, end, by(20)).size(), 1u);
+  EXPECT_EQ(with(few_samples(10), end, by(20)).size(), 1u);
+  EXPECT_EQ(with(small_lattice(1), end, by(20)).size(), 1u);
+  EXPECT_TRUE(with(few_samples(0), end, by(20)).empty());
+  EXPECT_TRUE(with(RbfOptions{}, end, by(20)).empty());
+  // No turn: stretched, and crushed to a point.
+  const ShellOptions shell;
+  const std::vector<std::string> none;
+  EXPECT_EQ(with(shell, end, [](const Vec3& x) { return Vec3{0.1 * x[0], -0.5 * x[1], 0.1 * x[1]}; }), none);
+  EXPECT_TRUE(with(shell, end, [](const Vec3& x) { return -1.0 * x; }).empty());
+  // The direction of two points turns; about the line through them they do not say anything.
+  const Box box = bounding_box(mesh.points);
+  PointId low = 0, high = 0;
+  for (std::size_t i = 0; i < mesh.points.size(); ++i) {
+    if (mesh.points[i][1] < mesh.points[low][1]) low = static_cast<PointId>(i);
+    if (mesh.points[i][1] > mesh.points[high][1]) high = static_cast<PointId>(i);
+  }
+  const Region pair{Region::Ids{{low, high}}};
+  EXPECT_EQ(with(shell, pair, by(20)).size(), 1u);
+  EXPECT_TRUE(with(shell, pair, [&](const Vec3& x) { return (x[1] - box.min[1]) * Vec3{0, 0.1, 0}; }).empty());
+  EXPECT_TRUE(with(shell, Region{Region::Ids{{high}}}, [](const Vec3&) { return Vec3{0.1, 0.2, 0.3}; }).empty());
+}
+
 }  // namespace
 }  // namespace deform

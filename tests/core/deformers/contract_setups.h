@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <map>
 #include <memory>
+#include <numbers>
 #include <optional>
 #include <random>
 #include <string>
@@ -15,11 +16,13 @@
 #include <vector>
 
 #include "core/base/vectors.h"
+#include "core/deformers/mirrored_mesh.h"
 #include "core/deformers/setup.h"
 #include "core/deformers/system.h"
 #include "tests/core/deformers/contract_parts.h"
 #include "tests/core/deformers/shapes.h"
 #include "tests/core/deformers/space_cases.h"
+#include "tests/core/deformers/wheel.h"
 #include "tests/core/deformers/wide.h"
 
 /// Random setups over all methods, from one seed each, with what they prescribe in double-double.
@@ -85,35 +88,42 @@ inline WideMap about(const std::array<Wide, 9>& linear, const Vec3& centre) {
   return map;
 }
 
+inline WideVec wide_unit(const Vec3& axis) {
+  WideVec a = wide(axis);
+  const Wide length = sqrt(dot(a, a));
+  for (Wide& value : a) value = value / length;
+  return a;
+}
+
+/// By so many radians, right-handed.
+inline std::array<Wide, 9> wide_rotation(const Vec3& axis, long double angle) {
+  const WideVec a = wide_unit(axis);
+  const Wide c = Wide::of(std::cos(angle)), s = Wide::of(std::sin(angle));
+  std::array<Wide, 9> linear;
+  for (std::size_t k = 0; k < 3; ++k) {
+    for (std::size_t l = 0; l < 3; ++l) {
+      linear[3 * k + l] = (Wide(1) - c) * a[k] * a[l] + (k == l ? c : Wide());
+      if (k != l) linear[3 * k + l] += ((k + 1) % 3 == l ? -s : s) * a[3 - k - l];
+    }
+  }
+  return linear;
+}
+
 /// What a design variable prescribes, by the formulas of its documentation.
 inline WideMap variable_map(const VariableMotion& motion, double v) {
-  const auto unit = [](const Vec3& axis) {
-    WideVec a = wide(axis);
-    const Wide length = sqrt(dot(a, a));
-    for (Wide& value : a) value = value / length;
-    return a;
-  };
   if (const auto* shift = std::get_if<Translation>(&motion)) {
     WideMap map = wide_map(identity_affine);
     for (std::size_t k = 0; k < 3; ++k) map[4 * k + 3] = Wide(v) * Wide(shift->direction[k]);
     return map;
   }
-  std::array<Wide, 9> linear;
   if (const auto* turn = std::get_if<Rotation>(&motion)) {
-    const WideVec a = unit(turn->axis);
-    const long double angle = turn->unit == AngleUnit::degrees ? v * 3.14159265358979323846264338327950288L / 180 : v;
-    const Wide c = Wide::of(std::cos(angle)), s = Wide::of(std::sin(angle));
-    for (std::size_t k = 0; k < 3; ++k) {
-      for (std::size_t l = 0; l < 3; ++l) {
-        linear[3 * k + l] = (Wide(1) - c) * a[k] * a[l] + (k == l ? c : Wide());
-        if (k != l) linear[3 * k + l] += ((k + 1) % 3 == l ? -s : s) * a[3 - k - l];
-      }
-    }
-    return about(linear, turn->centre);
+    const long double angle = turn->unit == AngleUnit::degrees ? v * std::numbers::pi_v<long double> / 180 : v;
+    return about(wide_rotation(turn->axis, angle), turn->centre);
   }
+  std::array<Wide, 9> linear;
   const auto& scaling = std::get<Scaling>(motion);
   const bool all = scaling.axis == Vec3{};
-  const WideVec a = all ? WideVec{} : unit(scaling.axis);
+  const WideVec a = all ? WideVec{} : wide_unit(scaling.axis);
   for (std::size_t k = 0; k < 3; ++k) {
     for (std::size_t l = 0; l < 3; ++l) {
       linear[3 * k + l] = k == l ? Wide(1) : Wide();
@@ -126,7 +136,7 @@ inline WideMap variable_map(const VariableMotion& motion, double v) {
 /// What one design prescribes to one handle.
 struct Prescribed {
   WideMap map = wide_map(identity_affine);
-  std::vector<Vec3> displacements;  ///< for each point, if not empty
+  std::vector<Vec3> displacements;  ///< for each point, if not empty; the linear part of `map` turns them
 };
 
 enum class Kind { rbf, shell, subspace, mls, ffd, ffd_mesh, ffd_controls, cage, cage_mesh, composed, green, damped };
@@ -142,6 +152,7 @@ struct Case {
   std::vector<std::vector<Prescribed>> prescribed;  ///< of each design and handle
   std::optional<double> symmetric;                  ///< the plane y = this
   bool flat = false;                                ///< all points have the same z
+  std::size_t images = 1;                           ///< in a whole model: those that it is made of
   std::vector<std::vector<PointId>> sets;           ///< points of each constraint
   double unit = 1;                                  ///< length of the model, about
 
@@ -153,6 +164,9 @@ struct Case {
 
 /// Seeds from here have exact constraints.
 constexpr std::uint64_t exact_seeds = std::uint64_t{1} << 20;
+
+/// Seeds from here have a symmetry plane and a method that deforms the model with its mirror image; from the next one a sector.
+constexpr std::uint64_t half_seeds = std::uint64_t{1} << 21, sector_seeds = std::uint64_t{1} << 22;
 
 /// Makes a setup step by step.
 class Maker {
@@ -181,6 +195,17 @@ class Maker {
       made_.kind = energies[seed_ % 6];
       constrained_ = true;
     }
+    if (halved()) {
+      constexpr Kind with_images[] = {Kind::shell, Kind::mls, Kind::ffd, Kind::ffd_mesh, Kind::subspace};
+      made_.kind = with_images[seed_ % 5];
+      constrained_ = false;
+    }
+    if (of_sector()) {
+      constexpr Kind with_images[] = {Kind::rbf, Kind::shell, Kind::mls, Kind::ffd, Kind::ffd_mesh, Kind::subspace};
+      made_.kind = with_images[seed_ % 6];
+      constrained_ = false;
+      return sector();
+    }
     large_ = made_.kind == Kind::rbf && most_ > 1000 && dice_.once_in(60);
     choose_mesh();
     const bool of_controls = made_.kind == Kind::ffd_controls || made_.kind == Kind::cage || made_.kind == Kind::green;
@@ -191,13 +216,61 @@ class Maker {
     } else if (constrained_) {
       choose_constraints();
     }
+    return finished();
+  }
+
+ private:
+  bool halved() const { return (seed_ & half_seeds) != 0; }
+  bool of_sector() const { return (seed_ & sector_seeds) != 0; }
+
+  Case finished() {
     choose_designs();
     made_.setup.seed = seed_;
     made_.mesh = shared(std::move(mesh_));
     return std::move(made_);
   }
 
- private:
+  /// A sector of shaken hexahedra, or of the casing, whose handle is within.
+  Case sector() {
+    SectorShape shape{2 + dice_.pick(5), dice_.once_in(3) ? 0 : 0.4, seed_, 3, 3 + dice_.pick(2), 3};
+    const bool surface = made_.kind == Kind::shell || made_.kind == Kind::subspace;
+    if (surface) shape = {2 + dice_.pick(6), 0.4, seed_, 6, 2, 8};
+    Frame frame = oblique();
+    made_.unit = dice_.power(-3, 3);
+    const double away = dice_.once_in(2) ? 0 : dice_.uniform(0, 30);
+    frame.origin = frame.origin + away * dice_.direction();
+    const SectorModel model = surface ? casing(shape, frame) : SectorModel(shape, frame);
+    mesh_ = *model.sector;
+    for (Vec3& x : mesh_.points) x = made_.unit * x;
+    made_.setup = model.setup;
+    made_.setup.symmetry = {{SectorOptions{made_.unit * frame.origin, frame.axes[0], static_cast<std::uint32_t>(shape.count)}}};
+    made_.handles = {std::get<Region::Ids>(model.setup.handles[0].region.kind).ids};
+    for (const Region& region : model.setup.fixed) {
+      const auto& ids = std::get<Region::Ids>(region.kind).ids;
+      made_.fixed[0].insert(made_.fixed[0].end(), ids.begin(), ids.end());
+    }
+    std::sort(made_.handles[0].begin(), made_.handles[0].end());
+    std::sort(made_.fixed[0].begin(), made_.fixed[0].end());
+    held_count_ = made_.fixed[0].size() * shape.count;
+    choose_method();
+    if (auto* rbf = std::get_if<RbfOptions>(&made_.setup.method)) {
+      constexpr Kernel without_shape[] = {Kernel::triharmonic, Kernel::biharmonic, Kernel::thin_plate, Kernel::quintic};
+      rbf->kernel = without_shape[dice_.pick(4)];
+      rbf->polynomial_degree = -1;
+      rbf->reduction = CentreReduction::off;
+      if (rbf->solver == Solver::incremental_qr) rbf->solver = Solver::automatic;
+    }
+    return finished();
+  }
+
+  /// The bounding box of the model with its images.
+  Box whole_box() const {
+    Box box = bounding_box(mesh_.points);
+    if (made_.setup.symmetry.empty()) return box;
+    const MirroredMesh whole(mesh_, Symmetry(made_.setup.symmetry, mesh_));
+    return bounding_box(whole.mesh()->points);
+  }
+
   bool exact() const { return (seed_ & exact_seeds) != 0; }
   bool is_energy() const {
     return made_.kind == Kind::shell || made_.kind == Kind::subspace || made_.kind == Kind::mls || made_.kind == Kind::ffd;
@@ -217,7 +290,8 @@ class Maker {
       count = 60 + dice_.pick(60);
       if (!dice_.once_in(3)) return make_part();
     }
-    const std::size_t shape = dice_.pick(is_energy() ? 3 : 5);
+    if (halved()) count = std::min<std::size_t>(count, 130);
+    const std::size_t shape = halved() ? 2 * dice_.pick(2) : dice_.pick(is_energy() ? 3 : 5);
     const bool cells = shape == 2 && made_.kind != Kind::shell && made_.kind != Kind::subspace;
     double spacing = 0;
     if (cells) {
@@ -238,7 +312,7 @@ class Maker {
       spacing = 1 / static_cast<double>(rows);
       made_.flat = shape == 3 && of_rbf();
     }
-    const bool symmetric = made_.kind == Kind::rbf && !large_ && shape == 0 && dice_.once_in(3);
+    const bool symmetric = halved() || (made_.kind == Kind::rbf && !large_ && shape == 0 && dice_.once_in(3));
     place_mesh(spacing, symmetric);
   }
 
@@ -398,7 +472,7 @@ class Maker {
     options.control = made_.kind == Kind::ffd_controls ? FfdControl::controls : FfdControl::mesh;
     options.basis = basis();
     options.basis_tolerance = basis_tolerance(options.basis);
-    const Box box = bounding_box(mesh_.points);
+    const Box box = whole_box();
     const double D = box.diagonal();
     // Some points may lie outside of what control points move.
     const double margin = options.control == FfdControl::controls && dice_.once_in(4) ? -0.05 * D : 0.08 * D;
@@ -497,7 +571,8 @@ class Maker {
     std::size_t centre = dice_.pick(mesh_.point_count());
     while (taken[centre]) centre = (centre + 1) % mesh_.point_count();
     const Vec3 at = mesh_.points[centre];
-    const std::size_t kind = families_.empty() ? dice_.pick(4) : 2 + dice_.pick(2);  // a part has points at the same distance
+    // A part has points at the same distance, and so has a plane of points.
+    const std::size_t kind = families_.empty() && !halved() ? dice_.pick(4) : 2 + dice_.pick(2);
     std::vector<std::pair<double, PointId>> order;
     for (std::size_t i = 0; i < mesh_.point_count(); ++i) {
       const Vec3 d = mesh_.points[i] - at;

@@ -3,6 +3,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <cmath>
+
 #include "core/deformers/system.h"
 #include "tests/core/deformers/shapes.h"
 #include "tests/support/expect_error.h"
@@ -56,9 +58,9 @@ TEST(FindProblems, FindsAllOfThemEachWithItsField) {
   setup.symmetry.push_back({SymmetryPlane::Plane{{0, 0, 0}, {0, 0, 0}}});
   const std::vector<Problem> found = found_in(setup);
   EXPECT_THAT(fields(found),
-              ElementsAre("handles[1].name", "variables[1]", "variables[2]", "method", "handles[1].region", "handles[2].region",
-                          "fixed[1]", "fixed[2]", "constraint_options", "constraints[1].name", "constraints[1].regions[0]",
-                          "constraints[3]", "symmetry", "constraints[2]", "constraints[4]"));
+              ElementsAre("handles[1].name", "variables[1]", "variables[2]", "method.mls.cover", "handles[1].region",
+                          "handles[2].region", "fixed[1]", "fixed[2]", "constraint_options", "constraints[1].name",
+                          "constraints[1].regions[0]", "constraints[3]", "symmetry", "constraints[2]", "constraints[4]"));
   ASSERT_EQ(found.size(), 15u);
   EXPECT_THAT(found[5].message, HasSubstr("overlaps handle \"end\""));
   EXPECT_THAT(found[13].message, HasSubstr("2 points, circular needs at least 4"));
@@ -72,18 +74,91 @@ TEST(FindProblems, ControlPointsAreNotLookedForWhereTheMethodIsWrong) {
   setup.handles.push_back({"corner", {Region::Union{{{Region::ControlIds{{0}}}, nowhere}}}});
   EXPECT_THAT(fields(found_in(setup)), ElementsAre("handles[1].region"));
   std::get<MlsOptions>(setup.method).cover = 4;
-  EXPECT_THAT(fields(found_in(setup)), ElementsAre("method"));
+  EXPECT_THAT(fields(found_in(setup)), ElementsAre("method.mls.cover"));
 }
 
 TEST(FindProblems, SamplesOfWrongVariablesAreNotLookedAt) {
   deform::Setup setup = good();
   setup.constraints.clear();
   setup.method = RbfOptions{.tolerance = 1, .samples = {{0.5}}};
-  EXPECT_THAT(fields(found_in(setup)), ElementsAre("method"));
+  EXPECT_THAT(fields(found_in(setup)), ElementsAre("method.rbf.tolerance"));
   setup.variables[0].handle = "nobody";
-  EXPECT_THAT(fields(found_in(setup)), ElementsAre("variables[0]", "method")) << "the tolerance is wrong all the same";
+  EXPECT_THAT(fields(found_in(setup)), ElementsAre("variables[0]", "method.rbf.tolerance"))
+      << "the tolerance is wrong all the same";
   setup.method = RbfOptions{.solver = Solver::incremental_qr, .samples = {{0.5, 0.5}}};
   EXPECT_THAT(fields(found_in(setup)), ElementsAre("variables[0]")) << "how many numbers a sample has depends on the variables";
+}
+
+TEST(FindProblems, FindsAllThatIsWrongWithTheOptionsOfAMethod) {
+  const auto found = [](const MethodOptions& method) {
+    deform::Setup setup = good();
+    setup.constraints.clear();
+    setup.method = method;
+    const std::vector<Problem> problems = found_in(setup);
+    for (const Problem& problem : problems) EXPECT_THAT(problem.message, testing::StartsWith(problem.field)) << problem.message;
+    return fields(problems);
+  };
+  RbfOptions rbf;
+  rbf.kernel = Kernel::triharmonic;
+  rbf.tolerance = 1;
+  rbf.shape = -1;
+  rbf.reduction_rings = 101;
+  rbf.basis_tolerance = 1;
+  rbf.reduction_tolerance = 1;
+  rbf.polynomial_degree = 0;
+  rbf.samples = {{1}, {0}, {NAN}};
+  EXPECT_THAT(found(rbf), ElementsAre("method.rbf.tolerance", "method.rbf.shape", "method.rbf.reduction_rings",
+                                      "method.rbf.basis_tolerance", "method.rbf.reduction_tolerance",
+                                      "method.rbf.polynomial_degree", "method.rbf.samples[1]", "method.rbf.samples[2]"));
+  ShellOptions shell;
+  shell.stretching = -1;
+  shell.bending = NAN;
+  shell.fixing = 0;
+  shell.basis_tolerance = 1;
+  EXPECT_THAT(found(shell), ElementsAre("method.shell.stretching", "method.shell.bending", "method.shell.fixing",
+                                        "method.shell.basis_tolerance"));
+  shell = {};
+  shell.bending = 0;
+  EXPECT_THAT(found(shell), ElementsAre("method.shell"));
+  SubspaceOptions subspace;
+  subspace.kernel = Kernel::multiquadric;
+  subspace.centres = 3;
+  subspace.cover = 3;
+  subspace.fixing = -1;
+  EXPECT_THAT(found(subspace), ElementsAre("method.subspace.fixing", "method.subspace.centres", "method.subspace.cover",
+                                           "method.subspace.kernel"));
+  MlsOptions mls;
+  mls.surface_samples = mls.volume_samples = 1'000'001;
+  mls.cubature = 0;
+  mls.cover = 4;
+  mls.weights = {{nowhere, -1, 1}, {box({-9, -9, -9}, {9, 9, 9}), 0, 0}};
+  EXPECT_THAT(found(mls),
+              ElementsAre("method.mls.surface_samples", "method.mls.volume_samples", "method.mls.cubature", "method.mls.cover",
+                          "method.mls.weights[0].stretching", "method.mls.weights[0]", "method.mls.weights[1]"));
+  FfdOptions ffd;
+  ffd.control = FfdControl::mesh;
+  ffd.stretching = -1;
+  ffd.lattice.points = {1, 4, 1};
+  ffd.clamp = 1;
+  EXPECT_THAT(found(ffd), ElementsAre("method.ffd.stretching", "method.ffd.lattice.points[0]", "method.ffd.lattice.points[2]",
+                                      "method.ffd.clamp"));
+  ffd = {};
+  ffd.lattice.control_points.resize(1);
+  ffd.fixing = -1;
+  EXPECT_THAT(found(ffd),
+              ElementsAre("method.ffd.fixing", "method.ffd.lattice.control_points", "method.ffd.lattice.control_points"));
+  CageOptions cage;
+  cage.vertices = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
+  cage.triangles = {{0, 2, 1}, {0, 1, 3}, {1, 2, 3}, {0, 3, 2}};
+  cage.control = CageControl::mesh;
+  cage.coordinates = CageCoordinates::green;
+  cage.basis_tolerance = 1;
+  cage.clamp = 1;
+  EXPECT_THAT(found(cage), ElementsAre("method.cage.basis_tolerance", "method.cage.coordinates", "method.cage.basis_tolerance",
+                                       "method.cage.clamp"));
+  cage.triangles.pop_back();
+  cage.coordinates = CageCoordinates::mean_value;
+  EXPECT_THAT(found(cage), ElementsAre("method.cage", "method.cage.basis_tolerance", "method.cage.clamp"));
 }
 
 /// Variables whose designs would be refused; a rotation that starts along the plane and leaves it too.

@@ -28,6 +28,7 @@
 namespace deform {
 namespace {
 
+using test::casing;
 using test::SectorModel;
 using test::WholeWheel;
 
@@ -35,48 +36,9 @@ double rounding_of(const SectorModel& model) {
   return 1e-14 * (bounding_box(model.sector->points).diagonal() + norm(model.frame.origin));
 }
 
-/// The surface of the casing: its middle a handle, its inlet fixed.
-SectorModel casing(std::size_t count, const test::Frame& frame) {
-  SectorModel model({count, 0.4, 2, 6, 2, 8}, frame);
-  const std::size_t outer = model.shape.outwards, nt = model.shape.around, nz = model.shape.along;
-  SectorModel result = model;
-  Mesh mesh;
-  result.local.clear();
-  result.lows.clear();
-  result.highs.clear();
-  result.displacements.clear();
-  Region::Ids handle, fixed;
-  for (std::size_t i = 0; i <= nt; ++i) {
-    for (std::size_t k = 0; k <= nz; ++k) {
-      const auto id = static_cast<PointId>(result.local.size());
-      const Vec3& y = model.local[model.at_grid(i, outer, k)];
-      result.local.push_back(y);
-      mesh.points.push_back(frame.point(y));
-      if (i == 0) result.lows.push_back(id);
-      if (i == nt) result.highs.push_back(id);
-      if (k == 0) fixed.ids.push_back(id);
-      if (k > 3 && k < 6 && i > 1 && i + 1 < nt) {
-        handle.ids.push_back(id);
-        result.displacements.push_back({0.02, 0.1 * std::sin(static_cast<double>(id)), 0.05});
-      }
-    }
-  }
-  for (std::size_t i = 0; i < nt; ++i) {
-    for (std::size_t k = 0; k < nz; ++k) {
-      const auto at = static_cast<PointId>(i * (nz + 1) + k), next = static_cast<PointId>(at + nz + 1);
-      mesh.face_sizes.push_back(4);
-      mesh.face_points.insert(mesh.face_points.end(), {at, at + 1, next + 1, next});
-    }
-  }
-  result.sector = test::shared(std::move(mesh));
-  result.setup.handles[0].region = {handle};
-  result.setup.fixed = {{fixed}};
-  return result;
-}
-
 TEST(SectorMethods, ShellOfASectorIsThatOfTheWheel) {
   for (const std::size_t count : {2, 3, 8}) {
-    SectorModel model = casing(count, test::oblique());
+    SectorModel model = casing({count, 0.4, 2, 6, 2, 8}, test::oblique());
     model.setup.method = ShellOptions{};
     const WholeWheel whole(model);
     const auto system = prepare(model.sector, model.setup);
@@ -186,7 +148,8 @@ TEST(SectorMethods, PartnersAndDerivatives) {
     for (const std::size_t count : {2, 5}) {
       SCOPED_TRACE(name + " " + std::to_string(count));
       // The shell needs a surface.
-      SectorModel model = name == "shell" ? casing(count, {}) : SectorModel({count, name == "subspace" ? 0.4 : 0.0, 1});
+      SectorModel model =
+          name == "shell" ? casing({count, 0.4, 2, 6, 2, 8}, {}) : SectorModel({count, name == "subspace" ? 0.4 : 0.0, 1});
       model.frame = test::Frame{};
       deform::Setup setup = with_variables(model);
       setup.method = method;

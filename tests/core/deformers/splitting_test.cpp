@@ -9,6 +9,7 @@
 #include <set>
 
 #include "tests/core/deformers/block_meshes.h"
+#include "tests/core/deformers/space_cases.h"
 #include "tests/support/expect_error.h"
 
 namespace deform {
@@ -339,6 +340,47 @@ TEST(Splitting, StepsThatCannotBePreparedEndTheirAttempt) {
   EXPECT_NE(result.attempts[1].failure.find("coincide"), std::string::npos) << result.attempts[1].failure;
   EXPECT_GE(result.reached, 0.5);
   EXPECT_GE(result.reached, result.full_step.amplitude * (1 - 1e-9));
+}
+
+/// Regions of constraints and of options are those of the shape at rest in each step, whatever comes into them or leaves them.
+TEST(Splitting, RegionsAreThoseAtRest) {
+  SplitProblem by_place;
+  const Mesh cube = test::solid_cube(6);
+  by_place.mesh = test::shared(cube);
+  by_place.cells = by_place.mesh->elements.get();
+  by_place.setup.handles = {{"top", test::box({-1, -1, 0.99}, {2, 2, 2})}};
+  by_place.setup.fixed = {test::box({-1, -1, -1}, {2, 2, 0.01})};
+  SplitOptions options;
+  options.most_steps = 12;
+  MlsOptions mls;
+  mls.surface_samples = 100;
+  mls.volume_samples = 50;
+  for (const bool constraint : {false, true}) {
+    SCOPED_TRACE(constraint);
+    SplitProblem by_points = by_place;
+    // Motions that invert cells in one step.
+    const Region above = test::box({-1, -1, constraint ? 0.8 : 0.6}, {2, 2, 0.9});
+    const Design turn = constraint ? moved_block(3.1, {0, 0, -0.45}) : moved_block(3, {0, 0, -0.3});
+    const Region points{Region::Ids{select(above, cube, "above")}};
+    for (SplitProblem* const problem : {&by_place, &by_points}) {
+      const Region& region = problem == &by_place ? above : points;
+      mls.weights.clear();
+      problem->setup.constraints.clear();
+      if (constraint) {
+        problem->setup.constraints = {{"plane", {region}, Planar{}, 100}};
+      } else {
+        mls.weights = {{region, 100, 1}};
+      }
+      problem->setup.method = mls;
+    }
+    for (const SplitMode mode : {SplitMode::uniform, SplitMode::adaptive}) {
+      options.mode = mode;
+      const SplitResult placed = evaluate_split(by_place, turn, options), pointed = evaluate_split(by_points, turn, options);
+      EXPECT_GT(placed.substeps.size(), 1u);
+      EXPECT_EQ(placed.reached, pointed.reached);
+      EXPECT_TRUE(placed.points == pointed.points);
+    }
+  }
 }
 
 TEST(Splitting, CellsInvertedAtRestAreReported) {

@@ -194,6 +194,45 @@ struct SectorModel {
   }
 };
 
+/// The surface of the casing: its middle a handle, its inlet fixed. It has 8 cells along, and at least 5 around.
+inline SectorModel casing(const SectorShape& shape, const Frame& frame) {
+  SectorModel model(shape, frame);
+  const std::size_t outer = model.shape.outwards, nt = model.shape.around, nz = model.shape.along;
+  SectorModel result = model;
+  Mesh mesh;
+  result.local.clear();
+  result.lows.clear();
+  result.highs.clear();
+  result.displacements.clear();
+  Region::Ids handle, fixed;
+  for (std::size_t i = 0; i <= nt; ++i) {
+    for (std::size_t k = 0; k <= nz; ++k) {
+      const auto id = static_cast<PointId>(result.local.size());
+      const Vec3& y = model.local[model.at_grid(i, outer, k)];
+      result.local.push_back(y);
+      mesh.points.push_back(frame.point(y));
+      if (i == 0) result.lows.push_back(id);
+      if (i == nt) result.highs.push_back(id);
+      if (k == 0) fixed.ids.push_back(id);
+      if (k > 3 && k < 6 && i > 1 && i + 1 < nt) {
+        handle.ids.push_back(id);
+        result.displacements.push_back({0.02, 0.1 * std::sin(static_cast<double>(id)), 0.05});
+      }
+    }
+  }
+  for (std::size_t i = 0; i < nt; ++i) {
+    for (std::size_t k = 0; k < nz; ++k) {
+      const auto at = static_cast<PointId>(i * (nz + 1) + k), next = static_cast<PointId>(at + nz + 1);
+      mesh.face_sizes.push_back(4);
+      mesh.face_points.insert(mesh.face_points.end(), {at, at + 1, next + 1, next});
+    }
+  }
+  result.sector = shared(std::move(mesh));
+  result.setup.handles[0].region = {handle};
+  result.setup.fixed = {{fixed}};
+  return result;
+}
+
 /// A motion turned by a number of sectors: R^k A R^-k.
 inline Affine turned_motion(const SectorModel& of, const Affine& motion, std::size_t sectors) {
   const auto turns = static_cast<double>(sectors);

@@ -26,7 +26,7 @@ void swap(EnergyModel& a, EnergyModel& b) {
   std::swap(a.eliminated, b.eliminated);
   a.coupling.swap(b.coupling);
   std::swap(a.may_crack, b.may_crack);
-  std::swap(a.of_shell, b.of_shell);
+  std::swap(a.motions, b.motions);
 }
 
 }  // namespace deform

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "core/base/types.h"
+#include "core/deformers/handles/motion_warnings.h"
 #include "core/deformers/handles/space_functions.h"
 #include "core/numerics/sparse/function_rows.h"
 #include "core/numerics/sparse/sparse.h"
@@ -44,7 +45,7 @@ struct EnergyModel {
   bool eliminated = false;
   SparseMatrix coupling;   ///< k x m
   bool may_crack = false;  ///< whether coincident held points may separate
-  bool of_shell = false;   ///< whether the energy is that of a shell, whose parts do not rotate with the handles
+  SharedMotions motions{};
 };
 
 /// Swaps without copying; moving would copy, because Eigen's sparse matrices cannot be moved.

@@ -145,28 +145,37 @@ void check_control_points(const LatticeOptions& options, const Lattice& lattice,
 
 }  // namespace
 
-void check_lattice(const LatticeOptions& options, const Mesh& mesh) {
+void check_lattice(Problems& problems, const LatticeOptions& options, const Mesh& mesh) {
   const std::string field = "method.ffd.lattice";
   const bool bernstein = options.basis == LatticeBasis::bernstein;
+  bool sound = true;
   if (options.points != std::array<std::size_t, 3>{}) {
     const double least = bernstein ? 2 : static_cast<double>(SplineAxis::least_points);
     const auto most = static_cast<double>(bernstein ? SplineAxis::most_bernstein_points : most_points);
     for (std::size_t k = 0; k < 3; ++k) {
-      check_option_range(static_cast<double>(options.points[k]), least, most, field + ".points[" + std::to_string(k) + "]");
+      const std::string points = field + ".points[" + std::to_string(k) + "]";
+      sound = problems.check(points, [&] { check_option_range(static_cast<double>(options.points[k]), least, most, points); }) &&
+              sound;
     }
   }
-  const std::size_t all = options.points[0] * options.points[1] * options.points[2];
-  if (all > most_in_all) {
-    refuse_argument(field + ".points: " + std::to_string(all) + " control points are more than the limit of " +
-                    std::to_string(most_in_all));
-  }
+  sound = sound && problems.check(field + ".points", [&] {
+    const std::size_t all = options.points[0] * options.points[1] * options.points[2];
+    if (all > most_in_all) {
+      refuse_argument(field + ".points: " + std::to_string(all) + " control points are more than the limit of " +
+                      std::to_string(most_in_all));
+    }
+  });
+  if (!sound) return;
   std::optional<Lattice> lattice;
-  try {
-    lattice = lattice_of(options, mesh);
-  } catch (const Error& error) {
-    refuse_argument(field + ": " + error.what());
-  }
-  check_control_points(options, *lattice, field + ".control_points");
+  const auto make = [&] {
+    try {
+      lattice = lattice_of(options, mesh);
+    } catch (const Error& error) {
+      refuse_argument(field + ": " + error.what());
+    }
+  };
+  if (!problems.check(field, make)) return;
+  problems.check(field + ".control_points", [&] { check_control_points(options, *lattice, field + ".control_points"); });
 }
 
 LatticeRows::LatticeRows(const Lattice& lattice, LatticeCoordinates at) : sums_(lattice), u_(std::move(at.u)) {

@@ -22,9 +22,9 @@
 
 namespace deform {
 
-/// Throws Error(invalid_argument) naming the field: numbers of control points out of range, a frame without volume or not finite,
-/// moved control points that are not finite, of the wrong number or more than most_moved_points.
-void check_lattice(const LatticeOptions& options, const Mesh& mesh);
+/// Checks of `problems`, each under the name of its field: numbers of control points out of range, a frame without volume or not
+/// finite, moved control points that are not finite, of the wrong number or more than most_moved_points.
+void check_lattice(Problems& problems, const LatticeOptions& options, const Mesh& mesh);
 /// The limit of moved control points. The search for local coordinates in a moved lattice stores 64 samples for each.
 inline constexpr std::size_t most_moved_points = 10000;
 
