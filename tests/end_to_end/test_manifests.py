@@ -117,6 +117,21 @@ class Rendered(unittest.TestCase):
             self.assertIn(f'gauge_of("{figure}"', read("server/rpc/metrics.cpp"))
             self.assertRegex(figure, series)
 
+    @unittest.skipUnless(shutil.which("promtool"), "promtool is not installed")
+    def test_the_adapter_asks_prometheus_in_its_language(self):
+        import yaml
+
+        (rule,) = yaml.safe_load(read("deploy/autoscaling/prometheus_adapter.yaml"))["rules"]["custom"]
+        query = rule["metricsQuery"]
+        for name, value in (("Series", "deformd_queue_length"), ("LabelMatchers", 'namespace="n",pod=~"deformd-0|deformd-1"'), ("GroupBy", "pod")):
+            self.assertIn(f"<<.{name}>>", query)
+            query = query.replace(f"<<.{name}>>", value)
+        path = os.path.join(self.folder, "rules.yaml")
+        with open(path, "w") as file:
+            json.dump(dict(groups=[dict(name="g", rules=[dict(record="r", expr=query), dict(record="s", expr=rule["seriesQuery"])])]), file)
+        done = subprocess.run(["promtool", "check", "rules", path], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        self.assertEqual(done.returncode, 0, done.stdout)
+
     def test_encrypted(self):
         for base in ("replicas", "replicas-shared"):
             rendered = self.rendered(self.overlay(base, "tls", "autoscaling"))

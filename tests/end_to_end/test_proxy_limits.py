@@ -154,9 +154,13 @@ class Limits(BehindProxy):
                     return True
 
         self.assertFalse(turned_away())
-        for _ in range(3000):
-            socket.create_connection(("127.0.0.1", self.port), source_address=(ATTACKER, 0)).close()
-        self.assertTrue(turned_away())
+        for _ in range(20):
+            for _ in range(1000):
+                socket.create_connection(("127.0.0.1", self.port), source_address=(ATTACKER, 0)).close()
+            if turned_away():
+                break
+        else:
+            self.fail("20,000 connections were taken")
         self.honest_round()
 
     def test_headers_that_take_long(self):
