@@ -2,10 +2,14 @@
 #include "server/engine/design_result.h"
 
 #include <algorithm>
+#include <utility>
 
+#include "core/base/reduction_error.h"
+#include "core/deformers/handle_shapes.h"
 #include "core/quality/displacement.h"
 #include "proto/convert/report.h"
 #include "proto/convert/verdict.h"
+#include "server/engine/system_cache.h"
 
 namespace deform::server {
 
@@ -41,6 +45,14 @@ v1::DesignResult design_result(const DeliveredDesign& delivered, const DesignRep
   *result.mutable_constraints() = convert::constraints_report(report, setup);
   if (const std::string warning = convert::given_up_warning(report, setup); !warning.empty()) result.add_warnings(warning);
   return result;
+}
+
+std::vector<std::string> design_doubts(const ResidentSystem& system, const Design& design) {
+  std::vector<std::string> doubts = handle_shape_doubts(system.setup, design);
+  if (const std::string& stray = system.size().stray; !stray.empty()) doubts.push_back(stray);
+  if (std::string reduced = reduction_doubt(system.info.reduction_error()); !reduced.empty())
+    doubts.push_back(std::move(reduced));
+  return doubts;
 }
 
 }  // namespace deform::server

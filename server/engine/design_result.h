@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <string>
 #include <vector>
 
 #include "core/base/plane_sides.h"
@@ -12,6 +13,8 @@
 #include "deform/v1/deformation.pb.h"
 
 namespace deform::server {
+
+struct ResidentSystem;
 
 /// What is gathered about one design while its blocks are made.
 struct DeliveredDesign {
@@ -28,5 +31,10 @@ struct DeliveredDesign {
 /// its system, with the setup.
 v1::DesignResult design_result(const DeliveredDesign& delivered, const DesignReport& report, const Setup& setup,
                                const v1::SystemInfo& info);
+
+/// Why a design is doubtful whatever its error and its points, one sentence each: handles that it mirrors or flattens, a model
+/// whose box is mostly empty, and reduced centres. See handle_shape_doubts(), ModelSize::stray and reduction_doubt(). Throws the
+/// errors of handle_motions(). Any thread.
+std::vector<std::string> design_doubts(const ResidentSystem& system, const Design& design);
 
 }  // namespace deform::server

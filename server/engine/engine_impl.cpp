@@ -8,9 +8,7 @@
 #include <utility>
 
 #include "core/base/control_group.h"
-#include "core/base/reduction_error.h"
 #include "core/base/version.h"
-#include "core/deformers/handle_shapes.h"
 #include "proto/convert/base/block.h"
 #include "proto/convert/base/fields.h"
 #include "proto/convert/design.h"
@@ -20,6 +18,7 @@
 #include "proto/convert/setup.h"
 #include "server/engine/compiled_records.h"
 #include "server/engine/deform_job.h"
+#include "server/engine/design_result.h"
 #include "server/engine/evaluate_call.h"
 #include "server/engine/geometry_upload.h"
 #include "server/engine/outcome_call.h"
@@ -370,13 +369,7 @@ std::shared_ptr<DeformJob> EngineImpl::deform(v1::DeformRequest request, std::ui
       auto evaluation = shared->warm_start() ? system.system->bind_sequence(designs, path, warm, context)
                                              : system.system->bind(designs, path, context);
       doubts.clear();
-      for (const Design& design : designs) {
-        doubts.push_back(handle_shape_doubts(system.setup, design));
-        if (const std::string& stray = system.size().stray; !stray.empty()) doubts.back().push_back(stray);
-        if (std::string reduced = reduction_doubt(system.info.reduction_error()); !reduced.empty()) {
-          doubts.back().push_back(std::move(reduced));
-        }
-      }
+      for (const Design& design : designs) doubts.push_back(design_doubts(system, design));
       return evaluation;
     };
     BoundDesigns bound = failures == Failures::per_design ? bind_each(convert_each(*shared, system), bind)
@@ -415,6 +408,9 @@ std::shared_ptr<EvaluateJob> EngineImpl::evaluate(v1::EvaluateHeader header, con
   };
   task.bind = [request](const ResidentSystem& system, const RunContext& context) {
     return system.system->bind_in_space(convert::design_from_proto(*request, 0, system.info), context);
+  };
+  task.doubts = [request](const ResidentSystem& system) {
+    return design_doubts(system, convert::design_from_proto(*request, 0, system.info));
   };
   const EvaluateParts parts{{&scheduler_, cache_.get(), &calls_}, &memory_, [this] { ++designs_served_; }};
   const auto evaluate_call = std::make_shared<EvaluateCall>(parts, std::move(task), call, std::move(on_ready));

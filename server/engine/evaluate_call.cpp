@@ -82,6 +82,7 @@ void EvaluateCall::start(const SystemCache::Handle& system) {
   bound_ = std::move(bound);
   task_.bind = nullptr;  // owns the request
   task_.bind_bytes = nullptr;
+  task_.doubts = nullptr;
   note_bytes();
   push_info();
   push_result_when_done();
@@ -100,6 +101,7 @@ std::shared_ptr<EvaluateCall::Bound> EvaluateCall::bind(const SystemCache::Handl
   const std::size_t binding = task_.bind_bytes(*system) + space.map;
   bound->charge = parts_.memory->charge_call(binding + bound->block_bytes, purpose(system->charge.bytes()), context().share());
   bound->map = task_.bind(*system, run_context(threads));
+  bound->doubts = task_.doubts(*system);
   if (const auto beyond = beyond_digits(bound->map->report().prescribed_displacement, system->info.diagonal())) {
     throw Error(ErrorCode::invalid_argument, "design: " + *beyond);
   }
@@ -261,7 +263,9 @@ void EvaluateCall::push_result_when_done() {
   result.set_checksum(checksum_.value());
   result.set_interpolation_residual(report.interpolation_residual);
   result.set_estimated_error(report.error);
+  result.set_reduction_error(bound_->system->info.reduction_error() * report.prescribed_displacement);
   result.set_converged(report.converged || report.at_rounding);
+  for (const std::string& doubt : bound_->doubts) result.add_doubts(doubt);
   for (const std::string& warning : report.warnings) result.add_warnings(warning);
   const std::string given_up = convert::given_up_warning(report, bound_->system->setup);
   if (!given_up.empty()) result.add_warnings(given_up);

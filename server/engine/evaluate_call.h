@@ -36,6 +36,7 @@ struct EvaluateTask {
   /// Bytes that binding the design needs.
   std::function<std::size_t(const ResidentSystem&)> bind_bytes;
   std::function<std::unique_ptr<const SpaceMap>(const ResidentSystem&, const RunContext&)> bind;
+  std::function<std::vector<std::string>(const ResidentSystem&)> doubts;  ///< design_doubts() of the design
 };
 
 /// One design at points as they come: waits for its system, is bound on a worker, then decodes, evaluates and encodes one block
@@ -61,6 +62,7 @@ class EvaluateCall : public QueuedCall<v1::EvaluateReply> {
   struct Bound {
     SystemCache::Handle system;
     std::unique_ptr<const SpaceMap> map;
+    std::vector<std::string> doubts;
     codec::EncodeOptions output;
     Box box;  ///< of the mesh at rest
     std::size_t block_bytes = 0;

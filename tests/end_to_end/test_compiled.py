@@ -172,6 +172,16 @@ class Compiled(EndToEnd):
         self.fails(4, "apply", "rings.yaml", "--set", "roof_up=0.03", "-o", "out.obj", "--fail-on", "reduction_error>1e-5",
                    says=["reduction_error"], prints=True)
         self.assertIn("not all handle and fixed points are centres", self.deform("apply", "rings.yaml", "--set", "roof_up=0.03", "-o", "out.obj").out)
+        self.write("probes.csv", "x,y,z\n0.5,0,0.2\n")
+        evaluate = ("evaluate", "rings.yaml", "probes.csv", "--set", "roof_up=0.03", "-o", "moved.csv")
+        elsewhere = self.deform(*evaluate, "--json").json
+        self.assertEqual(elsewhere["reduction_error"], reports[0]["reduction_error"])
+        self.assertEqual(elsewhere["doubts"], reports[0]["reasons"])
+        printed = self.deform(*evaluate).out
+        self.assertIn("with all, points might be up to about", printed)
+        self.assertIn("doubtful: not all handle and fixed points are centres", printed)
+        whole = self.deform("evaluate", "setup.yaml", "probes.csv", "--set", "roof_up=0.03", "-o", "moved.csv", "--json").json
+        self.assertEqual((whole["reduction_error"], whole["doubts"]), (0, []))
 
     def test_the_file_is_what_the_server_computes(self):
         compiled = self.compile()

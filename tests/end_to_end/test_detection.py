@@ -41,7 +41,7 @@ variables: [{name: shear, handle: lid, translate: [0.2, 0, 0]}]
 
 WRONG = """\
 geometry: box.obj
-method: {mls: {cover: 3}}
+method: {mls: {cover: 3, cubature: 99, energy: {fixing: -1, handles: HANDLES_SOFT}}}
 handles:
   - {name: lid, region: {half_space: {point: [0, 0, 1.9], normal: [0, 0, 1]}}}
   - {name: lid, region: {box: {min: [5, 5, 5], max: [6, 6, 6]}}}
@@ -52,7 +52,7 @@ constraints:
   - {name: good, planar: {}, regions: [{ids: [1, 2, 3, 4]}]}
   - {name: two, circular: {}, regions: [{ids: [1, 2]}, {ids: [3]}]}
 """
-WRONG_FIELDS = ["handles[1].name", "variables[0]", "method", "handles[1].region", "fixed[0]", "fixed[1]", "constraints[2]", "constraints[0]"]
+WRONG_FIELDS = ["handles[1].name", "variables[0]", "method.mls.fixing", "method.mls.cubature", "method.mls.cover", "handles[1].region", "fixed[0]", "fixed[1]", "constraints[2]", "constraints[0]"]
 
 
 class Detection(EndToEnd):
@@ -106,9 +106,9 @@ class Detection(EndToEnd):
 
     def test_all_that_is_wrong_is_told_at_once(self):
         self.write("wrong.yaml", WRONG)
-        told = self.fails(1, "prepare", "wrong.yaml", "--check", says=["8 problems, the first is: handles[1].name"], prints=True)
+        told = self.fails(1, "prepare", "wrong.yaml", "--check", says=["10 problems, the first is: handles[1].name"], prints=True)
         lines = told.out.splitlines()
-        self.assertEqual(len(lines), 8)
+        self.assertEqual(len(lines), len(WRONG_FIELDS))
         for line, field in zip(lines, WRONG_FIELDS):
             self.assertIn(field, line)
         told = self.fails(1, "prepare", "wrong.yaml", "--check", "--json", prints=True).json

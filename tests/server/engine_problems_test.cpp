@@ -67,9 +67,9 @@ TEST_F(EngineProblems, RegionsOfControlPointsAreNotJudgedWithoutTheirLattice) {
   }
   EXPECT_THAT(fields(setup), testing::IsEmpty());
   for (const std::uint32_t count : {5, 4}) ffd->mutable_lattice()->add_points(count);  // the third is missing
-  EXPECT_THAT(fields(setup), testing::ElementsAre("method"));
+  EXPECT_THAT(fields(setup), testing::ElementsAre("method.ffd.lattice"));
   ffd->mutable_lattice()->add_points(3);  // fewer than cubic splines take
-  EXPECT_THAT(fields(setup), testing::ElementsAre("method"));
+  EXPECT_THAT(fields(setup), testing::ElementsAre("method.ffd.lattice.points[2]"));
 }
 
 /// A server must survive it.

@@ -3,6 +3,7 @@
 // that send nonsense, stall, cancel or never read.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <atomic>
 #include <cmath>
 #include <cstring>
@@ -192,6 +193,43 @@ TEST_P(Evaluate, RegisteredPointsGoWhereDeformPutsThem) {
   ASSERT_TRUE(reader->Finish().ok());
   EXPECT_EQ(answer.points, points);
   EXPECT_EQ(answer.result->estimated_error(), error);
+  EXPECT_EQ(answer.result->reduction_error(), 0);
+  EXPECT_EQ(answer.result->doubts_size(), 0);
+}
+
+/// As Deform does: few of the many held points are centres, and a handle is mirrored.
+TEST_P(Evaluate, WhatIsDoubtfulWhateverTheErrorIsTold) {
+  v1::Setup setup = sheet_setup(geometry.id());
+  setup.mutable_method()->mutable_rbf()->set_reduction(v1::REDUCTION_RINGS);
+  setup.mutable_method()->mutable_rbf()->set_reduction_rings(1);
+  auto& box = *setup.mutable_handles(0)->mutable_region()->mutable_box();
+  for (const double x : {0.6, -9., -9.}) box.add_min(x);
+  for (int k = 0; k < 3; ++k) box.add_max(9);
+  setup.mutable_variables(1)->clear_rotate();
+  setup.mutable_variables(1)->mutable_scale()->add_axis(1);
+  for (const double x : {0., 0.}) setup.mutable_variables(1)->mutable_scale()->add_axis(x);
+  system = prepare(setup);
+  const Answer answer = call({header({0.2, -2}), block(places(10), 0, 0)});
+  ASSERT_TRUE(answer.status.ok()) << answer.status.error_message();
+  grpc::ClientContext context;
+  v1::DeformRequest request;
+  request.set_system_id(system);
+  *request.add_designs() = header({0.2, -2}).header().design();
+  const auto reader = stub->Deform(&context, request);
+  v1::DeformReply reply;
+  v1::DesignResult result;
+  while (reader->Read(&reply)) {
+    if (reply.has_result()) result = reply.result();
+  }
+  ASSERT_TRUE(reader->Finish().ok());
+  EXPECT_GT(answer.result->reduction_error(), 0);
+  EXPECT_EQ(answer.result->reduction_error(), result.reduction_error());
+  ASSERT_EQ(answer.result->doubts_size(), 2);
+  EXPECT_NE(answer.result->doubts(0).find("\"right\" is mirrored by turn = -2"), std::string::npos) << answer.result->doubts(0);
+  EXPECT_NE(answer.result->doubts(1).find("not all handle and fixed points are centres"), std::string::npos);
+  for (const auto& doubt : answer.result->doubts()) {
+    EXPECT_EQ(std::count(result.reasons().begin(), result.reasons().end(), doubt), 1) << doubt;
+  }
 }
 
 TEST_P(Evaluate, FarAwayWhereTheMethodExtrapolatesItSaysSo) {

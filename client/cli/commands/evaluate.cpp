@@ -10,6 +10,7 @@
 #include "client/cli/commands/given_design.h"
 #include "client/cli/commands/mesh_reading.h"
 #include "client/cli/commands/workspace.h"
+#include "client/cli/output/apply_report.h"
 #include "client/cli/output/format.h"
 #include "client/cli/output/result_json.h"
 #include "client/cli/setup/compiled_file.h"
@@ -92,7 +93,9 @@ nlohmann::ordered_json evaluated_json(const v1::EvaluateResult& result, const st
   json["sums_error"] = result.sums_error();
   json["max_error"] = result.max_error();
   json["interpolation_residual"] = result.interpolation_residual();
+  json["reduction_error"] = result.reduction_error();
   json["converged"] = result.converged();
+  json["doubts"] = std::vector<std::string>(result.doubts().begin(), result.doubts().end());
   json["warnings"] = std::vector<std::string>(result.warnings().begin(), result.warnings().end());
   json["seconds"] = {{"queue", result.queue_ms() * 1e-3},
                      {"bind", result.bind_ms() * 1e-3},
@@ -108,6 +111,8 @@ void print_evaluated(const v1::EvaluateResult& result, const std::string& file, 
             << number_text(result.estimated_error()) << " where the mesh of the setup has points";
   if (result.sums_error() > 0) std::cout << ", and " << number_text(result.sums_error()) << " of the sums at these points";
   std::cout << "; encoding " << number_text(result.max_error()) << '\n';
+  print_reduction_error(result.reduction_error(), std::cout);
+  for (const auto& doubt : result.doubts()) std::cout << "  doubtful: " << printable(doubt) << '\n';
   if (result.still() > 0) {
     std::cout << "  " << result.still() << " points lie outside of the lattice and stay where they are\n";
   }

@@ -33,10 +33,7 @@ void print_verdict(const v1::DesignResult& result, std::ostream& out) {
   if (result.verdict() == v1::VERDICT_UNKNOWN) return;
   out << "  estimated error " << number_text(result.estimated_error()) << " (" << number_text(result.relative_error())
       << " of the largest displacement): " << verdict_name(result.verdict()) << '\n';
-  if (result.reduction_error() > 0) {
-    out << "  not all handle and fixed points are centres: with all, points might be up to about "
-        << number_text(result.reduction_error()) << " elsewhere\n";
-  }
+  print_reduction_error(result.reduction_error(), out);
   const bool bad = result.verdict() == v1::VERDICT_BAD;
   for (const auto& reason : bad_reasons(result)) out << "    " << printable(reason) << '\n';
   for (const auto& reason : doubts(result)) out << (bad ? "    doubtful besides: " : "    ") << printable(reason) << '\n';
@@ -55,6 +52,12 @@ void print_residual(const Applied& applied, std::ostream& out) {
 }
 
 }  // namespace
+
+void print_reduction_error(double error, std::ostream& out) {
+  if (!(error > 0)) return;
+  out << "  not all handle and fixed points are centres: with all, points might be up to about " << number_text(error)
+      << " elsewhere\n";
+}
 
 std::vector<std::string> warnings_of(const v1::DesignResult& result) {
   std::vector<std::string> warnings(result.warnings().begin(), result.warnings().end());

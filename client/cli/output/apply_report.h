@@ -30,6 +30,9 @@ struct Applied {
 /// the largest prescribed displacement.
 std::vector<std::string> warnings_of(const v1::DesignResult& result);
 
+/// A line about DesignResult.reduction_error, or that of EvaluateResult, model units; nothing where all points are centres.
+void print_reduction_error(double error, std::ostream& out);
+
 nlohmann::ordered_json applied_json(const Applied& applied);
 void print_applied(const Applied& applied, std::ostream& out);
 

@@ -206,7 +206,7 @@ class Deformation(NamedTuple):
 class Evaluation(NamedTuple):
     """One design at other points: `points` (n, 3), model units; and its `report`, whose attributes are the fields of EvaluateResult
     (proto/deform/v1/deformation.proto): `max_displacement`, `estimated_error`, which holds where the geometry has points, `still`,
-    `converged`, `warnings`."""
+    `reduction_error`, `converged`, `doubts`, `warnings`."""
 
     points: np.ndarray
     report: "_deformd.Record"
