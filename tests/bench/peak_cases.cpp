@@ -11,6 +11,7 @@
 #include "core/mesh/ahmed.h"
 #include "core/mesh/elements.h"
 #include "tests/core/deformers/block_meshes.h"
+#include "tests/core/deformers/wheel.h"
 #include "tests/core/numerics/cages.h"
 #include "tests/support/thesis_options.h"
 
@@ -184,6 +185,66 @@ Setup solid_planar_setup(bool exact) {
   return setup;
 }
 
+/// A method whose basis is stored to a tolerance.
+template <typename Method>
+Setup to_tolerance(Setup setup, double tolerance) {
+  auto& options = std::get<Method>(setup.method);
+  options.basis = BasisMode::always;
+  options.basis_tolerance = tolerance;
+  return setup;
+}
+
+/// An energy whose handles are held by weights.
+template <typename Method>
+Setup softly(Setup setup) {
+  std::get<Method>(setup.method).handles = HandleMode::soft;
+  return setup;
+}
+
+/// A second method moves the slant, where the first one has left it.
+template <typename Method>
+Setup and_then(Setup setup, const Method& method) {
+  setup.then = {{method, {{Region::GroupName{"underbody"}}}}};
+  setup.handles.push_back({"slant", {Region::GroupName{"slant"}}, 1});
+  setup.variables.push_back({"back", "slant", DesignVariable::Translate{{1, 0, 0}}, -0.1, 0.1});
+  return setup;
+}
+
+FfdOptions fine_lattice() {
+  FfdOptions options = lattice(FfdControl::energy);
+  options.basis = BasisMode::never;
+  return options;
+}
+
+/// A sector whose hub moves and whose casing is held.
+test::SectorModel sector_model(std::size_t count, std::size_t around, std::size_t outwards) {
+  test::SectorModel model({count, 0.4, 1, around, outwards, around});
+  Region::Ids hub, casing;
+  for (std::size_t i = 0; i <= around; ++i) {
+    for (std::size_t k = 0; k <= around; ++k) {
+      hub.ids.push_back(model.at_grid(i, 0, k));
+      casing.ids.push_back(model.at_grid(i, outwards, k));
+    }
+  }
+  model.setup.handles[0].region = {hub};
+  model.setup.fixed = {{casing}};
+  model.setup.variables = {{"along", "blade", DesignVariable::Translate{model.frame.axes[0]}}};
+  return model;
+}
+
+template <typename Method>
+Setup sector_setup(const test::SectorModel& model, const Method& method) {
+  Setup setup = model.setup;
+  setup.method = method;
+  return setup;
+}
+
+MlsOptions few_samples() {
+  MlsOptions options;
+  options.surface_samples = options.volume_samples = 1500;
+  return options;
+}
+
 }  // namespace
 
 const std::vector<PeakCase>& peak_cases() {
@@ -216,6 +277,23 @@ const std::vector<PeakCase>& peak_cases() {
       {"cage_mesh", [] { return body(200000); }, [] { return body_setup(cage(CageControl::mesh, CageCoordinates::mean_value)); }},
       {"cage_green", [] { return body(200000); },
        [] { return by_controls(cage(CageControl::controls, CageCoordinates::green), 12); }},
+      {"rbf_compressed", [] { return body(200000); }, [] { return to_tolerance<RbfOptions>(wide_basis(), 1e-8); }},
+      {"rbf_then_rbf", [] { return body(12000); },
+       [] { return and_then(rbf(Solver::cholesky), std::get<RbfOptions>(rbf(Solver::cholesky).method)); }},
+      {"mls_then_ffd", [] { return body(50000); }, [] { return and_then(moving_least_squares(), fine_lattice()); }},
+      {"rbf_sector", [] { return sector_model(5, 28, 12).sector; },
+       [] { return sector_setup(sector_model(5, 28, 12), RbfOptions{}); }},
+      {"mls_sector", [] { return sector_model(6, 14, 10).sector; },
+       [] { return sector_setup(sector_model(6, 14, 10), few_samples()); }},
+      {"ffd_sector", [] { return sector_model(6, 32, 20).sector; },
+       [] { return sector_setup(sector_model(6, 32, 20), fine_lattice()); }},
+      {"shell_soft", [] { return body(50000); }, [] { return softly<ShellOptions>(shell()); }},
+      {"subspace_soft", [] { return body(50000); }, [] { return softly<SubspaceOptions>(subspace(std::nullopt, 4000)); }},
+      {"mls_soft", [] { return body(50000); }, [] { return softly<MlsOptions>(moving_least_squares()); }},
+      {"ffd_soft", [] { return body(100000); }, [] { return softly<FfdOptions>(body_setup(fine_lattice())); }},
+      {"shell_compressed", [] { return body(50000); }, [] { return to_tolerance<ShellOptions>(shell(), 1e-8); }},
+      {"ffd_planar_exact", [] { return body(30000); },
+       [] { return with_constraint(body_setup(fine_lattice()), Planar{}, true); }},
       {"cage_green_half", [] { return body(200000); }, [] { return with_plane(by_controls(half_cage(), 12)); }},
   };
   return cases;

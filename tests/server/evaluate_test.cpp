@@ -202,6 +202,7 @@ TEST_P(Evaluate, WhatIsDoubtfulWhateverTheErrorIsTold) {
   v1::Setup setup = sheet_setup(geometry.id());
   setup.mutable_method()->mutable_rbf()->set_reduction(v1::REDUCTION_RINGS);
   setup.mutable_method()->mutable_rbf()->set_reduction_rings(1);
+  setup.mutable_handles(0)->clear_region();
   auto& box = *setup.mutable_handles(0)->mutable_region()->mutable_box();
   for (const double x : {0.6, -9., -9.}) box.add_min(x);
   for (int k = 0; k < 3; ++k) box.add_max(9);

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/deformers/energy/energy_system.h"
 
+#include <malloc.h>
+
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -51,6 +53,13 @@ std::vector<std::size_t> checked_places(std::span<const char> bound, std::size_t
   return result;
 }
 
+/// Gives the system what malloc() keeps of the temporaries of large spaces, several times the bytes of the
+/// energy: beside what is made next they would be the peak, which the estimate does not count.
+void give_back_assembly(std::size_t energy_bytes) {
+  constexpr std::size_t large = std::size_t{1} << 20;
+  if (energy_bytes >= large) malloc_trim(0);
+}
+
 }  // namespace
 
 EnergySystem::EnergySystem(std::shared_ptr<const Mesh> mesh, const Setup& setup, const EnergyOptions& options,
@@ -65,6 +74,7 @@ EnergySystem::EnergySystem(std::shared_ptr<const Mesh> mesh, const Setup& setup,
     swap(model_, made);
   }
   if (model_.may_crack) points_.coincident.clear();
+  give_back_assembly(sparse_bytes(model_.space.energy));
   end_stage("assemble");
   context.progress("factor", 0);
   prepare_solver(context, memory_budget);

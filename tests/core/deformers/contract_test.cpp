@@ -851,6 +851,9 @@ TEST(ContractOfHalfModels, HoldsOnRandomSetups) {
   print_table();
 }
 
+// Far from the origin the maps of images are rounded when they are composed.
+TEST(ContractOfHalfModels, HoldsFarFromTheOrigin) { check(test::contract::half_seeds + 149, few_centres); }
+
 TEST(ContractOfSectors, HoldsOnRandomSetups) {
   if (std::getenv("DEFORM_SEED") != nullptr) return;
   for (std::uint64_t seed = 0; seed < (is_long() ? 150 : 18); ++seed) check(test::contract::sector_seeds + seed, few_centres);
