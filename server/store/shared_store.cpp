@@ -171,7 +171,11 @@ v1::GeometryInfo SharedStore::put(const Mesh& mesh, GeometryRecord record, const
 void SharedStore::take_back(const GeometryRecord& record) {
   try_remove(files_, directory_->temporary(key_of(owned(record)), record.put));
   try {
-    if (!catalog_->revoke(record.put)) return;
+    if (!catalog_->revoke(record.put)) {
+      // Its row is there, or others gave it up, who may have looked for its file before that was written.
+      const auto now = catalog_->find_geometry(owned(record));
+      if (now && now->put == record.put) return;
+    }
   } catch (const Error& error) {
     spdlog::warn("store: what was not stored is removed later: {}", error.what());
     const std::lock_guard lock(left_mutex_);
@@ -187,15 +191,20 @@ void SharedStore::take_back(const GeometryRecord& record) {
 void SharedStore::finish(const Intent& removal) {
   try {
     step("a removal is announced");
+    bool of_put = false;
     for (const auto& entry : removal.entries) {
       if (entry.what == Intent::What::setup) bases_.remove({entry.tenant, entry.id});
       if (entry.what != Intent::What::geometry) continue;
-      try_remove(files_, directory_->temporary(key_of({entry.tenant, entry.id}), entry.put));
+      if (entry.put == removal.number) {  // it began as one to put, whose file may not have come further
+        remove_file(files_, directory_->temporary(key_of({entry.tenant, entry.id}), entry.put));
+        of_put = true;
+      }
       remove_file(files_, file_of(entry));
       step("a file is removed");
     }
     // A folder that is not there has no file either.
     require_folder();
+    if (of_put) sync_directory(files_, directory_->tmp());
     sync_directory(files_, directory_->geometries());
     step("the removal is durable");
     catalog_->end(removal.number);

@@ -8,7 +8,11 @@
 
 #include <cerrno>
 #include <functional>
+#include <map>
 #include <memory>
+#include <optional>
+#include <random>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -91,6 +95,8 @@ class Server {
       catalog = nullptr;
       throw;
     }
+    store->mirror({[this](Intent::What what, const OwnedId& id) { memory[what].erase(id); },
+                   [this](Intent::What what) { return std::vector<OwnedId>(memory[what].begin(), memory[what].end()); }});
     catalog->await_housekeeper();
   }
 
@@ -111,6 +117,7 @@ class Server {
           return {Answer::done, store->put(mesh_of(action.mesh), id, name_of(action)).existed()};
         case Action::prepare:
           store->put_setup(setup_of(action));
+          memory[Intent::What::setup].insert(owned(setup_of(action)));
           break;
         case Action::release:
           return {Answer::done, store->remove_setup(owned(setup_of(action)))};
@@ -121,6 +128,7 @@ class Server {
           store->list(id.tenant, {});
           store->state();
           EXPECT_EQ(store->load(id).points, mesh_of(action.mesh).points);
+          memory[Intent::What::geometry].insert(id);
           break;
         case Action::check: {
           const StoreReport report = store->check({}, [](const GeometryRecord&) { return nullptr; });
@@ -128,7 +136,8 @@ class Server {
           break;
         }
         case Action::back_up:
-          store->backup("/srv/backup" + std::to_string(++backups));
+          store->backup("/srv/backup" + std::to_string(backups + 1));
+          ++backups;
           break;
         default:
           ADD_FAILURE() << "not of a shared store";
@@ -145,6 +154,7 @@ class Server {
   std::unique_ptr<SharedStore> store;
   SimulatedCatalog* catalog = nullptr;
   int backups = 0;
+  std::map<Intent::What, std::set<OwnedId>> memory;  ///< what it holds of what is stored
 
  private:
   SimulatedDatabase& database_;
@@ -153,64 +163,110 @@ class Server {
 /// Some servers of one store, and what may be in it.
 class Cluster {
  public:
-  explicit Cluster(SimulatedDisk::State disk_state = SimulatedDisk::empty(), SimulatedDatabase::State rows = {})
-      : disk(std::move(disk_state)), database(std::move(rows)) {
-    for (int i = 0; i < 3; ++i) servers.push_back(std::make_unique<Server>(disk, database));
+  explicit Cluster(const SimulatedDisk::State& left = SimulatedDisk::empty(), SimulatedDatabase::State rows = {})
+      : disk(std::make_unique<SimulatedDisk>(left)), database(std::move(rows)) {
+    for (int i = 0; i < 3; ++i) servers.push_back(std::make_unique<Server>(*disk, database));
   }
 
   Server& at(std::size_t server) { return *servers[server]; }
+  bool lives(std::size_t server) { return at(server).store && !at(server).fate.stopped(); }
   void open_all() {
     for (auto& server : servers) server->open();
   }
-  /// A new process in the place of one that was killed.
+  /// A new process in the place of one that is gone.
   void restart(std::size_t server) {
     servers[server].reset();
-    servers[server] = std::make_unique<Server>(disk, database);
+    servers[server] = std::make_unique<Server>(*disk, database);
     servers[server]->open();
   }
+  /// The folder loses what was not synced, all servers with it. The database loses nothing.
+  void lose_power(Survival survival, std::mt19937_64& random) {
+    trace += "\nthe power is lost";
+    for (auto& server : servers) {
+      server->fate.stop();
+      server.reset();
+    }
+    disk = std::make_unique<SimulatedDisk>(SimulatedDisk::after_crash(disk->state(), survival, random));
+    for (auto& server : servers) server = std::make_unique<Server>(*disk, database);
+    open_all();
+  }
 
-  /// By the server of the action, which may be killed meanwhile.
-  void act(const Action& action) {
+  /// By the server of the action, which may be killed meanwhile. Throws what no fault explains.
+  Answer attempt(const Action& action) {
     trace += std::string("\n") + names[action.kind] + " " + name_of(action);
     Answer answer;
     try {
       answer = at(action.server).act(action);
     } catch (const Error& error) {
-      if (!at(action.server).fate.stopped()) throw;
+      const bool stopped = at(action.server).fate.stopped();
+      const bool told_so = error.code() == ErrorCode::unavailable || error.code() == ErrorCode::out_of_budget;
+      if (!stopped && !(faulty && told_so)) throw Error(error.code(), error.what() + trace);
       answer.kind = Answer::failed;
-      trace += ": killed";
+      trace += stopped ? ": killed" : std::string(": ") + error.what();
     }
+    return answer;
+  }
+  void act(const Action& action) {
+    const Answer answer = attempt(action);
     contents = results(contents, action, answer);
+  }
+  /// Another server does `inner` before a point of `outer`; whether there was such a point.
+  bool act_within(
+      const Action& outer, std::uint64_t point, const Action& inner, const std::function<void()>& first = [] {}) {
+    std::optional<Answer> inside;
+    std::uint64_t left = point;
+    at(outer.server).fate.before_point = [&] {
+      if (left == 0 || --left > 0) return;
+      first();
+      trace += "\n  meanwhile:";
+      inside = attempt(inner);
+    };
+    const Answer outside = attempt(outer);
+    at(outer.server).fate.before_point = nullptr;
+    if (!inside) {
+      contents = results(contents, outer, outside);
+      return false;
+    }
+    const auto inner_first = results(results(contents, inner, *inside), outer, outside);
+    contents = results(results(contents, outer, outside), inner, *inside);
+    contents.insert(contents.end(), inner_first.begin(), inner_first.end());
+    return true;
   }
 
   /// All live servers agree on one of the contents that may be there.
   void expect_contents() {
-    ASSERT_FALSE(contents.empty()) << "an answer that no order of the calls explains" << trace;
-    std::string why;
-    for (auto& server : servers) {
-      if (!server->store || server->fate.stopped()) continue;
-      std::vector<StoreContents> found;
-      for (const auto& one : contents) {
-        const std::string differs = difference(*server->store, one, one);
-        if (differs.empty()) {
-          found.push_back(one);
-          break;
-        }
+    ASSERT_FALSE(contents.empty()) << "answers that no order of the calls explains" << trace;
+    for (std::size_t i = 0; i < servers.size(); ++i) {
+      if (!lives(i)) continue;
+      SharedStore& store = *at(i).store;
+      std::string why;
+      const auto found = std::find_if(contents.begin(), contents.end(), [&](const StoreContents& one) {
+        const std::string differs = difference(store, one, one);
         why += "\n" + differs;
-      }
-      ASSERT_FALSE(found.empty()) << why << trace;
-      for (auto& [id, registered] : found[0].geometries) registered.info = server->store->info(id);
-      contents = std::move(found);
+        return differs.empty();
+      });
+      ASSERT_NE(found, contents.end()) << "server " << i << ":" << why << trace;
+      for (auto& [id, registered] : found->geometries) registered.info = store.info(id);
+      contents = {*found};
     }
   }
 
   /// The live servers keep house until what those that are gone have left is taken over and done.
   void settle() {
+    database.deliver();
     for (int round = 0; round < 4; ++round) {
       database.pass(take_over_after);
-      for (auto& server : servers) {
-        if (server->store && !server->fate.stopped()) server->catalog->keep_house();
+      for (std::size_t i = 0; i < servers.size(); ++i) {
+        if (lives(i)) at(i).catalog->keep_house();
       }
+    }
+  }
+
+  /// The same by one of them, while others are at work.
+  void settle_by(std::size_t server) {
+    for (int round = 0; round < 4; ++round) {
+      database.pass(take_over_after);
+      at(server).catalog->keep_house();
     }
   }
 
@@ -220,24 +276,39 @@ class Cluster {
     std::set<std::string> named, required;
     for (const auto& [number, owned] : rows.intents) {
       const auto& entry = owned.intent.entries.at(0);
-      named.insert((place / "geometries" / (key_of({entry.tenant, entry.id}) + "~" + std::to_string(entry.put))).string());
-      named.insert((place / "tmp" / (key_of({entry.tenant, entry.id}) + "." + std::to_string(entry.put))).string());
+      const std::string key = key_of({entry.tenant, entry.id}), put = std::to_string(entry.put);
+      named.insert((place / "geometries" / (key + "~" + put)).string());
+      named.insert((place / "tmp" / (key + "." + put)).string());
     }
     for (const auto& [key, row] : rows.geometries) {
       required.insert((place / "geometries" / (key + "~" + std::to_string(row.record.put))).string());
     }
     for (const char* folder : {"geometries", "tmp"}) {
-      for (const auto& [file, bytes] : disk.files(place / folder)) {
+      for (const auto& [file, bytes] : disk->files(place / folder)) {
         EXPECT_TRUE(required.erase(file) > 0 || named.count(file) > 0) << file << " is nobody's" << trace;
       }
     }
     EXPECT_TRUE(required.empty()) << *required.begin() << " is missing" << trace;
   }
 
-  SimulatedDisk disk;
+  /// No server has in memory what is not stored any more.
+  void expect_memory_of_contents() {
+    for (std::size_t i = 0; i < servers.size(); ++i) {
+      if (!lives(i)) continue;
+      for (const auto& id : at(i).memory[Intent::What::geometry]) {
+        EXPECT_EQ(contents.at(0).geometries.count(id), 1u) << "server " << i << " remembers " << key_of(id) << trace;
+      }
+      for (const auto& id : at(i).memory[Intent::What::setup]) {
+        EXPECT_EQ(contents.at(0).setups.count(id), 1u) << "server " << i << " remembers system " << key_of(id) << trace;
+      }
+    }
+  }
+
+  std::unique_ptr<SimulatedDisk> disk;
   SimulatedDatabase database;
   std::vector<std::unique_ptr<Server>> servers;
   std::vector<StoreContents> contents{1};
+  bool faulty = false;  ///< calls may be refused
   std::string trace;
 };
 
@@ -246,8 +317,9 @@ class SharedStoreSimulation : public Simulation {
   /// When all is settled nothing is left but the rows and their files, whoever looks.
   static void expect_clean(Cluster& cluster) {
     cluster.settle();
-    cluster.expect_contents();
+    ASSERT_NO_FATAL_FAILURE(cluster.expect_contents());
     cluster.expect_known_files();
+    cluster.expect_memory_of_contents();
     const auto intents = cluster.database.state().intents;
     EXPECT_TRUE(intents.empty()) << intents.size() << " intents are left" << cluster.trace;
   }
@@ -271,6 +343,9 @@ class KilledAnywhere : public SharedStoreSimulation, public testing::WithParamIn
 
 TEST_P(KilledAnywhere, a_server_leaves_what_was_acknowledged_and_others_end_the_rest) {
   const auto& history = histories[GetParam()];
+  std::vector<Survival> outcomes = {Survival::durable, Survival::names, Survival::content};
+  outcomes.insert(outcomes.end(), is_long() ? 50 : 2, Survival::random);
+  std::mt19937_64 random(1);
   for (const unsigned victim : {0u, 1u}) {
     bool killed = true;
     for (std::uint64_t point = 1; killed && !HasFailure(); ++point) {
@@ -289,18 +364,274 @@ TEST_P(KilledAnywhere, a_server_leaves_what_was_acknowledged_and_others_end_the_
       for (; at < history.size() && !cluster.at(victim).fate.stopped(); ++at) cluster.act(history[at]);
       killed = cluster.at(victim).fate.stopped();
       cluster.at(victim).fate.stops_at = UINT64_MAX;
+      for (const Survival survival : outcomes) {
+        ++states;
+        Cluster later(cluster.disk->state(), cluster.database.state());
+        later.contents = cluster.contents;
+        later.trace = cluster.trace;
+        later.lose_power(survival, random);
+        later.expect_contents();
+        expect_clean(later);
+        // What was taken over stays so.
+        later.lose_power(survival == Survival::random ? Survival::random : Survival::durable, random);
+        expect_clean(later);
+      }
       ++states;
       cluster.expect_contents();
       cluster.at(victim).stop();
       expect_clean(cluster);
       cluster.restart(victim);
       if (at > 0) cluster.act(history[at - 1]);
+      cluster.lose_power(Survival::random, random);
       expect_clean(cluster);
     }
   }
 }
 
 INSTANTIATE_TEST_SUITE_P(Histories, KilledAnywhere, testing::Range<std::size_t>(0, std::size(histories)));
+
+// ---- servers that act at the same time ----
+
+/// Every pair of calls for the same content, one of them between any two steps of the other one.
+class Between : public SharedStoreSimulation {
+ protected:
+  enum class Session { lives, is_cut_off };
+  void run(Session session) {
+    const Action::Kind outers[] = {Action::add, Action::prepare, Action::release, Action::remove, Action::list, Action::check};
+    const Action::Kind inners[] = {Action::add, Action::prepare, Action::release, Action::remove, Action::list};
+    for (const int start : {0, 1, 2}) {
+      for (const Action::Kind outer : outers) {
+        for (const Action::Kind inner : inners) {
+          bool reached = true;
+          for (std::uint64_t point = 1; reached && !HasFailure(); ++point) {
+            Cluster cluster;
+            cluster.open_all();
+            if (start > 0) cluster.act({Action::add, 0, 1, 0, 2});
+            if (start > 1) cluster.act({Action::prepare, 0, 1, 0, 2});
+            cluster.faulty = session == Session::is_cut_off;
+            reached = cluster.act_within({outer, 0, 1, 0, 0}, point, {inner, 0, 1, 0, 1}, [&] {
+              cluster.at(1).catalog->keep_house();
+              if (session == Session::lives) return;
+              cluster.at(0).catalog->cut_off();
+              cluster.settle_by(1);
+            });
+            ++states;
+            ASSERT_NO_FATAL_FAILURE(cluster.expect_contents());
+            if (session == Session::is_cut_off) cluster.at(0).catalog->come_back();
+            cluster.faulty = false;
+            expect_clean(cluster);
+          }
+        }
+      }
+    }
+  }
+};
+
+TEST_F(Between, calls_for_the_same_content_have_an_order) { run(Session::lives); }
+
+TEST_F(Between, what_is_taken_from_a_server_that_lives_is_refused_and_leaves_nothing) { run(Session::is_cut_off); }
+
+TEST_F(SharedStoreSimulation, a_put_that_others_ended_before_its_file_was_written_leaves_no_file) {
+  Cluster cluster;
+  cluster.open_all();
+  cluster.faulty = true;
+  const std::uint64_t file_is_made = 4;  // after the time, the look whether it is known, and the intent
+  cluster.act_within({Action::add, 0, 0, 0, 0}, file_is_made, {Action::list, 0, 0, 0, 1}, [&] {
+    cluster.at(0).catalog->cut_off();
+    cluster.settle_by(1);
+    EXPECT_TRUE(cluster.database.state().intents.empty()) << "taken over and ended";
+  });
+  EXPECT_NE(cluster.trace.find("gave the upload up"), std::string::npos) << cluster.trace;
+  cluster.at(0).catalog->come_back();
+  EXPECT_EQ(cluster.disk->files(place / "geometries").size(), 0u);
+  expect_clean(cluster);
+}
+
+TEST_F(SharedStoreSimulation, a_file_in_tmp_that_was_taken_over_stays_away_when_the_power_is_lost) {
+  Cluster cluster;
+  cluster.open_all();
+  cluster.at(0).fate.stops_at = cluster.at(0).fate.points() + 7;  // the file is written and synced
+  cluster.act({Action::add, 0, 0, 0, 0});
+  cluster.at(0).stop();
+  ASSERT_EQ(cluster.disk->files(place / "tmp").size(), 1u);
+  std::mt19937_64 random(1);
+  cluster.lose_power(Survival::all, random);
+  expect_clean(cluster);
+  ASSERT_EQ(cluster.disk->files(place / "tmp").size(), 0u);
+  cluster.lose_power(Survival::durable, random);
+  EXPECT_EQ(cluster.disk->files(place / "tmp").size(), 0u);
+  expect_clean(cluster);
+}
+
+// ---- calls that fail ----
+
+/// A disk and a database that fail once, or from then on until the call has ended.
+struct Fault {
+  int error = 0;  ///< of the disk
+  SimulatedServer::Loss loss = SimulatedServer::Loss::none;
+  enum Length { once, until_the_end } length = once;
+};
+
+const Fault faults[] = {{EIO},
+                        {ENOSPC},
+                        {EIO, {}, Fault::until_the_end},
+                        {ENOSPC, {}, Fault::until_the_end},
+                        {0, SimulatedServer::Loss::call},
+                        {0, SimulatedServer::Loss::answer},
+                        {0, SimulatedServer::Loss::call, Fault::until_the_end},
+                        {0, SimulatedServer::Loss::answer, Fault::until_the_end}};
+
+/// While it lives, calls of a server fail; the first to fail is that with the number.
+class Failing {
+ public:
+  Failing(Cluster& cluster, unsigned server, const Fault& fault, int first)
+      : disk_(*cluster.disk), fate_(cluster.at(server).fate), left_(first) {
+    cluster.faulty = true;
+    const auto hits = [this, fault] { return --left_ == 0 || (left_ < 0 && fault.length == Fault::until_the_end); };
+    if (fault.error != 0) {
+      disk_.fault = [hits, fault](bool changing) { return changing && hits() ? fault.error : 0; };
+    } else {
+      fate_.catalog_fault = [hits, fault] { return hits() ? fault.loss : SimulatedServer::Loss::none; };
+    }
+  }
+  ~Failing() {
+    disk_.fault = nullptr;
+    fate_.catalog_fault = nullptr;
+  }
+  Failing(const Failing&) = delete;
+  Failing& operator=(const Failing&) = delete;
+  bool reached() const { return left_ <= 0; }
+
+ private:
+  SimulatedDisk& disk_;
+  SimulatedServer& fate_;
+  int left_;
+};
+
+TEST_F(SharedStoreSimulation, calls_that_fail_are_done_or_not_and_leave_a_store_that_works) {
+  for (const int start : {0, 1, 2}) {
+    for (const Fault& fault : faults) {
+      for (const auto kind : {Action::add, Action::prepare, Action::release, Action::remove, Action::list}) {
+        bool reached = true;
+        for (int first = 1; reached && !HasFailure(); ++first) {
+          SCOPED_TRACE(std::string(names[kind]) + " of start " + std::to_string(start) + ", fault " +
+                       std::to_string(&fault - faults) + " at " + std::to_string(first));
+          Cluster cluster;
+          cluster.open_all();
+          if (start > 0) cluster.act({Action::add, 0, 1, 0, 2});
+          if (start > 1) cluster.act({Action::prepare, 0, 1, 0, 2});
+          {
+            const Failing failing(cluster, 0, fault, first);
+            cluster.act({kind, 0, 1, 0, 0});
+            reached = failing.reached();
+          }
+          ++states;
+          ASSERT_NO_FATAL_FAILURE(cluster.expect_contents());
+          cluster.act({Action::add, 0, 1, 0, 0});
+          cluster.settle();
+          cluster.expect_known_files();
+          // What the server began without hearing the answer is known to the catalog alone, and ends when the server does.
+          cluster.restart(0);
+          expect_clean(cluster);
+        }
+      }
+    }
+  }
+}
+
+// ---- all of it, again and again ----
+
+class RandomCluster : public SharedStoreSimulation {
+ protected:
+  static Action random_action(std::mt19937_64& random, unsigned server) {
+    static constexpr Action::Kind kinds[] = {Action::add,     Action::add,    Action::add,    Action::prepare, Action::prepare,
+                                             Action::release, Action::remove, Action::remove, Action::list,    Action::check};
+    Action action{kinds[random() % std::size(kinds)]};
+    action.mesh = static_cast<unsigned>(random() % 3);
+    action.tenant = static_cast<unsigned>(random() % 2);
+    action.setup = static_cast<unsigned>(random() % 2);
+    action.server = server;
+    return action;
+  }
+
+  /// One thing that happens to the servers.
+  static void step(Cluster& cluster, std::mt19937_64& random) {
+    const auto one = static_cast<unsigned>(random() % 3), other = static_cast<unsigned>((one + 1 + random() % 2) % 3);
+    Action action = random_action(random, one);
+    Action meanwhile = random_action(random, other);
+    if (random() % 2 == 0) {  // the same content
+      meanwhile.mesh = action.mesh;
+      meanwhile.tenant = action.tenant;
+    }
+    auto& fate = cluster.at(one).fate;
+    switch (random() % 9) {
+      case 0:
+      case 1:
+        cluster.act(action);
+        break;
+      case 2:
+        cluster.act_within(action, 1 + random() % 12, meanwhile);
+        break;
+      case 3:  // killed, maybe after another server has come in between
+        fate.stops_at = fate.points() + 1 + random() % 12;
+        cluster.act_within(action, 1 + random() % 12, meanwhile);
+        fate.stops_at = UINT64_MAX;
+        break;
+      case 4: {
+        const Failing failing(cluster, one, faults[random() % std::size(faults)], static_cast<int>(1 + random() % 10));
+        if (action.kind == Action::check) action.kind = Action::list;
+        cluster.act(action);
+        break;
+      }
+      case 5: {
+        cluster.faulty = true;
+        cluster.act_within(action, 1 + random() % 12, meanwhile, [&] {
+          cluster.at(one).catalog->cut_off();
+          cluster.settle_by(other);
+        });
+        cluster.at(one).catalog->come_back();
+        break;
+      }
+      case 6:
+        cluster.trace += "\nnews";
+        cluster.database.set_news(static_cast<SimulatedDatabase::News>(random() % 3));
+        cluster.database.deliver();
+        break;
+      case 7:  // killed while it ends what others have left
+        cluster.trace += "\nhousekeeping";
+        if (random() % 2 == 0) fate.stops_at = fate.points() + 1 + random() % 12;
+        cluster.settle_by(one);
+        fate.stops_at = UINT64_MAX;
+        break;
+      default:
+        cluster.lose_power(random() % 4 == 0 ? Survival::all : Survival::random, random);
+    }
+    cluster.faulty = false;
+  }
+};
+
+TEST_F(RandomCluster, whatever_happens_to_servers_nothing_is_lost_or_comes_back) {
+  for_seeds(is_long() ? 3000 : 40, [&](std::uint64_t seed) {
+    std::mt19937_64 random(seed);
+    Cluster cluster;
+    cluster.open_all();
+    for (int i = 0; i < 12; ++i) {
+      ASSERT_NO_THROW(step(cluster, random)) << cluster.trace;
+      ++states;
+      ASSERT_NO_FATAL_FAILURE(cluster.expect_contents());
+      for (unsigned server = 0; server < 3; ++server) {
+        if (cluster.lives(server)) continue;
+        cluster.at(server).stop();
+        if (random() % 2 == 0) cluster.settle();
+        cluster.restart(server);
+      }
+      ASSERT_FALSE(HasFailure()) << cluster.trace;
+    }
+    for (unsigned server = 0; server < 3; ++server) cluster.restart(server);
+    expect_clean(cluster);
+    cluster.act({Action::check});
+  });
+}
 
 }  // namespace
 }  // namespace deform::server
