@@ -3,6 +3,7 @@
 
 #include <spdlog/spdlog.h>
 
+#include <cerrno>
 #include <utility>
 
 #include "core/base/error.h"
@@ -25,6 +26,12 @@ v1::GeometryInfo whole_info(const GeometryRecord& record, std::size_t setups) {
   v1::GeometryInfo info = recorded_info(record);
   info.set_setups(static_cast<std::uint32_t>(setups));
   return info;
+}
+
+/// What cannot be looked at is not missing.
+bool is_missing(FileSystem& files, const std::filesystem::path& path) {
+  struct stat status {};
+  return files.status(path, FileSystem::Links::follow, status) != 0 && (errno == ENOENT || errno == ENOTDIR);
 }
 
 }  // namespace
@@ -153,6 +160,8 @@ v1::GeometryInfo SharedStore::put(const Mesh& mesh, GeometryRecord record, const
     step("the content is in place");
     const SharedCatalog::Added added = catalog_->add(record, lost, terms.quota);
     step("the row is written");
+    // What a row that was damaged has named, or what could not be looked at, may be there: from now on nothing names it.
+    if (added.outcome == SharedCatalog::Added::Outcome::healed && known) try_remove(files_, file_of(*known));
     if (added.outcome == SharedCatalog::Added::Outcome::known) {
       Intent removal{Intent::Kind::remove, {{Intent::What::geometry, id.id, 0, {}, id.tenant}}};
       removal.entries[0].put = removal.number = record.put;
@@ -240,7 +249,7 @@ std::optional<v1::GeometryInfo> SharedStore::described(const GeometryRecord& rec
     info.Clear();
     info.set_damage(std::string("the entry in the catalog is damaged; ") + register_again);
     info.set_id(record.id);
-  } else if (!is_seen(files_, file_of(record))) {
+  } else if (is_missing(files_, file_of(record))) {
     const auto now = catalog_->find_geometry(owned(record));
     if (!now) return std::nullopt;
     if (now->put != record.put) return described(*now, setups);
@@ -256,7 +265,7 @@ Mesh SharedStore::load(const OwnedId& id) {
   for (;;) {
     if (!record) throw unknown_geometry(id.id);
     std::optional<Error> failure;
-    if (is_seen(files_, file_of(*record))) {
+    if (!is_missing(files_, file_of(*record))) {
       try {
         return read_geometry_file(file_of(*record), id.id, files_);
       } catch (const Error& error) {

@@ -6,7 +6,9 @@
 // DEFORM_LONG=1 tries many more of them; DEFORM_SIMULATION_SEED=N runs the random histories of that seed alone.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cerrno>
+#include <cstdlib>
 #include <functional>
 #include <map>
 #include <memory>
@@ -18,6 +20,7 @@
 #include <vector>
 
 #include "core/base/error.h"
+#include "server/store/geometry_store.h"
 #include "server/store/shared_store.h"
 #include "tests/server/any_store.h"
 #include "tests/server/simulated_catalog.h"
@@ -314,6 +317,11 @@ class Cluster {
 
 class SharedStoreSimulation : public Simulation {
  protected:
+  void expect_states(std::size_t at_least, std::size_t in_long) const {
+    if (std::getenv("DEFORM_SIMULATION_SEED") != nullptr) return;
+    EXPECT_GE(states - before_, is_long() ? in_long : at_least) << "the simulation does not reach what it did";
+  }
+
   /// When all is settled nothing is left but the rows and their files, whoever looks.
   static void expect_clean(Cluster& cluster) {
     cluster.settle();
@@ -323,6 +331,9 @@ class SharedStoreSimulation : public Simulation {
     const auto intents = cluster.database.state().intents;
     EXPECT_TRUE(intents.empty()) << intents.size() << " intents are left" << cluster.trace;
   }
+
+ private:
+  const std::size_t before_ = states;
 };
 
 // ---- a server that is killed, and power that is lost ----
@@ -386,6 +397,7 @@ TEST_P(KilledAnywhere, a_server_leaves_what_was_acknowledged_and_others_end_the_
       expect_clean(cluster);
     }
   }
+  expect_states(320, 2900);
 }
 
 INSTANTIATE_TEST_SUITE_P(Histories, KilledAnywhere, testing::Range<std::size_t>(0, std::size(histories)));
@@ -427,9 +439,15 @@ class Between : public SharedStoreSimulation {
   }
 };
 
-TEST_F(Between, calls_for_the_same_content_have_an_order) { run(Session::lives); }
+TEST_F(Between, calls_for_the_same_content_have_an_order) {
+  run(Session::lives);
+  expect_states(380, 380);
+}
 
-TEST_F(Between, what_is_taken_from_a_server_that_lives_is_refused_and_leaves_nothing) { run(Session::is_cut_off); }
+TEST_F(Between, what_is_taken_from_a_server_that_lives_is_refused_and_leaves_nothing) {
+  run(Session::is_cut_off);
+  expect_states(380, 380);
+}
 
 TEST_F(SharedStoreSimulation, a_put_that_others_ended_before_its_file_was_written_leaves_no_file) {
   Cluster cluster;
@@ -489,7 +507,7 @@ class Failing {
     cluster.faulty = true;
     const auto hits = [this, fault] { return --left_ == 0 || (left_ < 0 && fault.length == Fault::until_the_end); };
     if (fault.error != 0) {
-      disk_.fault = [hits, fault](bool changing) { return changing && hits() ? fault.error : 0; };
+      disk_.fault = [hits, fault](bool changing) { return (changing || fault.error == EIO) && hits() ? fault.error : 0; };
     } else {
       fate_.catalog_fault = [hits, fault] { return hits() ? fault.loss : SimulatedServer::Loss::none; };
     }
@@ -537,6 +555,243 @@ TEST_F(SharedStoreSimulation, calls_that_fail_are_done_or_not_and_leave_a_store_
       }
     }
   }
+  expect_states(470, 470);
+}
+
+TEST_F(SharedStoreSimulation, a_file_that_cannot_be_looked_at_is_not_called_lost) {
+  Cluster cluster;
+  cluster.open_all();
+  const Action registering{Action::add, 0, 0, 0, 0};
+  cluster.act(registering);
+  SharedStore& store = *cluster.at(1).store;
+  {
+    const Failing look(cluster, 1, {EIO}, 1);
+    EXPECT_EQ(store.info(id_of(registering)).damage(), "");
+  }
+  {
+    const Failing look(cluster, 1, {EIO}, 1);
+    EXPECT_EQ(store.load(id_of(registering)).points, mesh_of(0).points);
+  }
+  const Failing open(cluster, 1, {EIO}, 2);
+  EXPECT_EQ(code_of([&] { store.load(id_of(registering)); }), ErrorCode::unavailable);
+}
+
+// ---- the first start ----
+
+TEST_F(SharedStoreSimulation, servers_that_start_at_once_or_are_killed_meanwhile_make_one_store) {
+  std::mt19937_64 random(1);
+  for (const bool killed : {false, true}) {
+    bool reached = true;
+    for (std::uint64_t point = 1; reached && !HasFailure(); ++point) {
+      SCOPED_TRACE((killed ? "killed at point " : "another one at point ") + std::to_string(point));
+      Cluster cluster;
+      auto& fate = cluster.at(0).fate;
+      if (killed) {
+        fate.stops_at = point;
+      } else {
+        fate.before_point = [&, left = point]() mutable {
+          if (--left == 0) cluster.at(1).open();
+        };
+      }
+      try {
+        cluster.at(0).open();
+      } catch (const Error& error) {
+        EXPECT_EQ(error.code(), ErrorCode::unavailable) << error.what();
+      }
+      ++states;
+      fate.before_point = nullptr;
+      reached = killed ? fate.stopped() : cluster.at(1).store != nullptr;
+      if (killed && random() % 2 == 0) {
+        cluster.lose_power(Survival::random, random);
+      } else {
+        for (std::size_t server = 0; server < 3; ++server) {
+          if (!cluster.lives(server)) cluster.restart(server);
+        }
+      }
+      for (const unsigned server : {0u, 1u, 2u}) cluster.act({Action::add, server, 0, 0, server});
+      expect_clean(cluster);
+    }
+  }
+  expect_states(40, 40);
+}
+
+// ---- damage ----
+
+/// A geometry whose file was damaged and is set aside, by a server that has noticed it.
+class Damaged : public SharedStoreSimulation {
+ protected:
+  static void damage(Cluster& cluster) {
+    cluster.open_all();
+    cluster.act(registering_at(2));
+    const auto files = cluster.disk->files(place / "geometries");
+    ASSERT_EQ(files.size(), 1u);
+    cluster.disk->flip_bit(files.begin()->first, 4 * files.begin()->second);
+    EXPECT_EQ(code_of([&] { cluster.at(2).store->load(id_of(registering_at(2))); }), ErrorCode::data_loss);
+  }
+  static Action registering_at(unsigned server) { return {Action::add, 1, 1, 0, server}; }
+};
+
+TEST_F(Damaged, two_servers_that_heal_the_same_leave_one_file) {
+  for (const auto inner : {Action::add, Action::remove, Action::prepare}) {
+    bool reached = true;
+    for (std::uint64_t point = 1; reached && !HasFailure(); ++point) {
+      SCOPED_TRACE(std::string(names[inner]) + " at point " + std::to_string(point));
+      Cluster cluster;
+      ASSERT_NO_FATAL_FAILURE(damage(cluster));
+      reached = cluster.act_within(registering_at(0), point, {inner, 1, 1, 0, 1});
+      ++states;
+      expect_clean(cluster);
+      EXPECT_EQ(cluster.disk->files(place / "damaged").size(), 1u) << "it may be all there is";
+    }
+  }
+  expect_states(30, 30);
+}
+
+TEST_F(Damaged, a_server_that_is_killed_while_it_heals_leaves_that_to_another_one) {
+  std::mt19937_64 random(1);
+  bool killed = true;
+  for (std::uint64_t point = 1; killed && !HasFailure(); ++point) {
+    SCOPED_TRACE("killed at point " + std::to_string(point));
+    Cluster cluster;
+    ASSERT_NO_FATAL_FAILURE(damage(cluster));
+    auto& fate = cluster.at(0).fate;
+    fate.stops_at = fate.points() + point;
+    cluster.act(registering_at(0));
+    killed = fate.stopped();
+    fate.stops_at = UINT64_MAX;
+    ++states;
+    cluster.at(0).stop();
+    if (random() % 2 == 0) cluster.lose_power(Survival::random, random);
+    cluster.act(registering_at(1));
+    expect_clean(cluster);
+  }
+  expect_states(10, 10);
+}
+
+TEST_F(Damaged, a_flipped_bit_is_found_by_all_servers_and_costs_nothing_else) {
+  for_seeds(is_long() ? 3000 : 100, [&](std::uint64_t seed) {
+    std::mt19937_64 random(seed);
+    Cluster cluster;
+    cluster.open_all();
+    for (unsigned mesh = 0; mesh < 3; ++mesh) {
+      cluster.act({Action::add, mesh, 0, 0, mesh});
+      cluster.act({Action::add, mesh, 1, 0, 1});
+      cluster.act({Action::prepare, mesh, 1, 0, 2});
+    }
+    const Action hit{Action::add, static_cast<unsigned>(random() % 3), static_cast<unsigned>(random() % 2), 0, 0};
+    const auto one = static_cast<std::size_t>(random() % 3), other = (one + 1) % 3;
+    const OwnedId id = id_of(hit), system = owned(setup_of({Action::prepare, hit.mesh, 1, 0, 0}));
+    const auto file =
+        place / "geometries" / (key_of(id) + "~" + std::to_string(cluster.database.state().geometries.at(key_of(id)).record.put));
+    ++states;
+    StoreContents whole = cluster.contents.at(0);
+    switch (random() % 4) {
+      case 0:
+        cluster.database.damage_geometry(key_of(id));
+        EXPECT_NE(cluster.at(one).store->info(id).damage(), "");
+        EXPECT_EQ(cluster.at(other).store->load(id).points, mesh_of(hit.mesh).points) << "the file is whole";
+        break;
+      case 1:
+        cluster.database.damage_setup(key_of(system));
+        EXPECT_EQ(code_of([&] { cluster.at(one).store->find_setup(system); }), ErrorCode::data_loss);
+        break;
+      default:
+        cluster.disk->flip_bit(file, random() % (8 * cluster.disk->files(place).at(file.string())));
+        EXPECT_EQ(code_of([&] { cluster.at(one).store->load(id); }), ErrorCode::data_loss);
+        EXPECT_EQ(code_of([&] { cluster.at(other).store->load(id); }), ErrorCode::data_loss);
+        EXPECT_NE(cluster.at(other).store->info(id).damage(), "");
+    }
+    const StoreReport report = cluster.at(other).store->check({}, [](const GeometryRecord&) { return nullptr; });
+    EXPECT_EQ(report.outcome, StoreReport::Outcome::faults) << "seen by the operator";
+    for (const auto& [known, registered] : whole.geometries) {
+      if (known == id) continue;
+      EXPECT_EQ(cluster.at(other).store->load(known).points, registered.mesh.points) << key_of(known);
+    }
+    EXPECT_TRUE(cluster.at(one).store->put(mesh_of(hit.mesh), id, name_of({hit.kind, hit.mesh, hit.tenant})).existed());
+    cluster.act({Action::prepare, hit.mesh, 1, 0, 2});
+    // A row that was damaged has its time and name anew.
+    whole.geometries.at(id).info = cluster.at(one).store->info(id);
+    cluster.contents = {whole};
+    expect_clean(cluster);
+    cluster.act({Action::check, 0, 0, 0, 1});
+  });
+  expect_states(100, 3000);
+}
+
+TEST_F(Damaged, a_folder_without_its_mark_is_not_the_store_and_nothing_is_lost) {
+  Cluster cluster;
+  ASSERT_NO_FATAL_FAILURE(damage(cluster));
+  cluster.act(registering_at(0));
+  cluster.disk->flip_bit(place / "deformd-store", 8);
+  const auto files = cluster.disk->files(place);
+  EXPECT_EQ(code_of([&] { cluster.at(0).store->check({}, [](const GeometryRecord&) { return nullptr; }); }),
+            ErrorCode::unavailable);
+  EXPECT_FALSE(cluster.at(1).store->state().writable());
+  EXPECT_EQ(code_of([&] { cluster.restart(2); }), ErrorCode::failed_precondition);
+  EXPECT_EQ(cluster.disk->files(place), files);
+  cluster.disk->flip_bit(place / "deformd-store", 8);
+  cluster.restart(2);
+  expect_clean(cluster);
+}
+
+// ---- a full disk ----
+
+TEST_F(SharedStoreSimulation, a_full_folder_refuses_lets_remove_and_works_again_with_room) {
+  for_seeds(is_long() ? 1000 : 20, [&](std::uint64_t seed) {
+    std::mt19937_64 random(seed);
+    Cluster cluster;
+    cluster.disk->capacity = (64 + 8 + random() % 32) << 10;  // what stays free, and some geometries
+    cluster.open_all();
+    cluster.faulty = true;
+    for (unsigned mesh = 0; mesh < 4; ++mesh) {
+      for (unsigned tenant = 0; tenant < 3; ++tenant) cluster.act({Action::add, mesh, tenant, 0, (mesh + tenant) % 3});
+      ++states;
+      ASSERT_NO_FATAL_FAILURE(cluster.expect_contents());
+    }
+    EXPECT_LT(cluster.contents.at(0).geometries.size(), 12u) << "some were refused";
+    cluster.disk->capacity = cluster.disk->used();  // others take the rest
+    cluster.act({Action::add, 3, 2, 0, 0});
+    ASSERT_NO_FATAL_FAILURE(cluster.expect_contents());
+    cluster.faulty = false;
+    for (const auto& [id, registered] : StoreContents(cluster.contents.at(0)).geometries) {
+      ASSERT_NO_THROW(cluster.at(1).store->remove(id, WithSetups::refuse)) << cluster.trace;
+      cluster.contents.at(0).geometries.erase(id);
+    }
+    expect_clean(cluster);
+    cluster.disk->capacity = std::uint64_t{1} << 30;
+    cluster.act({Action::add, 3, 2, 0, 2});
+    expect_clean(cluster);
+  });
+  expect_states(80, 4000);
+}
+
+// ---- copies ----
+
+TEST_F(SharedStoreSimulation, a_backup_has_what_there_was_at_one_moment) {
+  for (const auto inner : {Action::add, Action::remove, Action::prepare}) {
+    bool reached = true;
+    for (std::uint64_t point = 1; reached && !HasFailure(); point += is_long() ? 1 : 3) {
+      SCOPED_TRACE(std::string(names[inner]) + " at point " + std::to_string(point));
+      Cluster cluster;
+      cluster.open_all();
+      cluster.act({Action::add, 0, 0, 0, 0});
+      cluster.act({Action::add, 1, 1, 0, 1});
+      cluster.act({Action::prepare, 1, 1, 0, 1});
+      ASSERT_NO_FATAL_FAILURE(cluster.expect_contents());
+      const Action meanwhile{inner, inner == Action::add ? 2u : 1u, 1, 1, 1};
+      const StoreContents before = cluster.contents.at(0);
+      reached = cluster.act_within({Action::back_up, 0, 0, 0, 0}, point, meanwhile);
+      ++states;
+      expect_clean(cluster);
+      StoreOptions options;
+      options.disk.keep_free = std::uint64_t{64} << 10;
+      options.files = cluster.disk.get();
+      GeometryStore copy("/srv/backup1", options);
+      const std::string was = difference(copy, before, before), is = difference(copy, cluster.contents[0], cluster.contents[0]);
+      EXPECT_TRUE(was.empty() || is.empty()) << was << "\n" << is;
+    }
+  }
+  expect_states(20, 60);
 }
 
 // ---- all of it, again and again ----
@@ -611,7 +866,7 @@ class RandomCluster : public SharedStoreSimulation {
 };
 
 TEST_F(RandomCluster, whatever_happens_to_servers_nothing_is_lost_or_comes_back) {
-  for_seeds(is_long() ? 3000 : 40, [&](std::uint64_t seed) {
+  for_seeds(is_long() ? 8200 : 60, [&](std::uint64_t seed) {
     std::mt19937_64 random(seed);
     Cluster cluster;
     cluster.open_all();
@@ -631,6 +886,7 @@ TEST_F(RandomCluster, whatever_happens_to_servers_nothing_is_lost_or_comes_back)
     expect_clean(cluster);
     cluster.act({Action::check});
   });
+  expect_states(720, 98'400);
 }
 
 }  // namespace
