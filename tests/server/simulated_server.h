@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <functional>
 #include <string>
@@ -11,7 +12,7 @@
 namespace deform::server {
 
 /// One of several servers on a disk and a database that go on without it. A point is a change to a file or folder and any call of
-/// the catalog: whatever others can see of this server. One thread at a time.
+/// the catalog: whatever others can see of this server. Thread-safe, while nobody changes what it is to do.
 class SimulatedServer {
  public:
   enum class Loss {
@@ -35,8 +36,8 @@ class SimulatedServer {
   bool reaches_point();
 
  private:
-  std::uint64_t points_ = 0;
-  bool stopped_ = false;
+  std::atomic<std::uint64_t> points_{0};
+  std::atomic<bool> stopped_{false};
 };
 
 /// The files of a disk as one server sees them.
