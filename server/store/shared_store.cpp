@@ -3,6 +3,7 @@
 
 #include <spdlog/spdlog.h>
 
+#include <cerrno>
 #include <utility>
 
 #include "core/base/error.h"
@@ -25,6 +26,12 @@ v1::GeometryInfo whole_info(const GeometryRecord& record, std::size_t setups) {
   v1::GeometryInfo info = recorded_info(record);
   info.set_setups(static_cast<std::uint32_t>(setups));
   return info;
+}
+
+/// What cannot be looked at is not missing.
+bool is_missing(FileSystem& files, const std::filesystem::path& path) {
+  struct stat status {};
+  return files.status(path, FileSystem::Links::follow, status) != 0 && (errno == ENOENT || errno == ENOTDIR);
 }
 
 }  // namespace
@@ -153,6 +160,8 @@ v1::GeometryInfo SharedStore::put(const Mesh& mesh, GeometryRecord record, const
     step("the content is in place");
     const SharedCatalog::Added added = catalog_->add(record, lost, terms.quota);
     step("the row is written");
+    // What a row that was damaged has named, or what could not be looked at, may be there: from now on nothing names it.
+    if (added.outcome == SharedCatalog::Added::Outcome::healed && known) try_remove(files_, file_of(*known));
     if (added.outcome == SharedCatalog::Added::Outcome::known) {
       Intent removal{Intent::Kind::remove, {{Intent::What::geometry, id.id, 0, {}, id.tenant}}};
       removal.entries[0].put = removal.number = record.put;
@@ -171,7 +180,11 @@ v1::GeometryInfo SharedStore::put(const Mesh& mesh, GeometryRecord record, const
 void SharedStore::take_back(const GeometryRecord& record) {
   try_remove(files_, directory_->temporary(key_of(owned(record)), record.put));
   try {
-    if (!catalog_->revoke(record.put)) return;
+    if (!catalog_->revoke(record.put)) {
+      // Its row is there, or others gave it up, who may have looked for its file before that was written.
+      const auto now = catalog_->find_geometry(owned(record));
+      if (now && now->put == record.put) return;
+    }
   } catch (const Error& error) {
     spdlog::warn("store: what was not stored is removed later: {}", error.what());
     const std::lock_guard lock(left_mutex_);
@@ -187,15 +200,20 @@ void SharedStore::take_back(const GeometryRecord& record) {
 void SharedStore::finish(const Intent& removal) {
   try {
     step("a removal is announced");
+    bool of_put = false;
     for (const auto& entry : removal.entries) {
       if (entry.what == Intent::What::setup) bases_.remove({entry.tenant, entry.id});
       if (entry.what != Intent::What::geometry) continue;
-      try_remove(files_, directory_->temporary(key_of({entry.tenant, entry.id}), entry.put));
+      if (entry.put == removal.number) {  // it began as one to put, whose file may not have come further
+        remove_file(files_, directory_->temporary(key_of({entry.tenant, entry.id}), entry.put));
+        of_put = true;
+      }
       remove_file(files_, file_of(entry));
       step("a file is removed");
     }
     // A folder that is not there has no file either.
     require_folder();
+    if (of_put) sync_directory(files_, directory_->tmp());
     sync_directory(files_, directory_->geometries());
     step("the removal is durable");
     catalog_->end(removal.number);
@@ -231,7 +249,7 @@ std::optional<v1::GeometryInfo> SharedStore::described(const GeometryRecord& rec
     info.Clear();
     info.set_damage(std::string("the entry in the catalog is damaged; ") + register_again);
     info.set_id(record.id);
-  } else if (!is_seen(files_, file_of(record))) {
+  } else if (is_missing(files_, file_of(record))) {
     const auto now = catalog_->find_geometry(owned(record));
     if (!now) return std::nullopt;
     if (now->put != record.put) return described(*now, setups);
@@ -247,7 +265,7 @@ Mesh SharedStore::load(const OwnedId& id) {
   for (;;) {
     if (!record) throw unknown_geometry(id.id);
     std::optional<Error> failure;
-    if (is_seen(files_, file_of(*record))) {
+    if (!is_missing(files_, file_of(*record))) {
       try {
         return read_geometry_file(file_of(*record), id.id, files_);
       } catch (const Error& error) {

@@ -241,7 +241,7 @@ int SimulatedDisk::open(const Path& path, int flags) {
   } else if ((flags & O_TRUNC) != 0 && truncate_node(node, 0) != 0) {
     return -1;
   }
-  open_[next_descriptor_] = {node, 0, false};
+  open_[next_descriptor_] = {node, 0, Lock::none};
   return next_descriptor_++;
 }
 
@@ -363,16 +363,29 @@ int SimulatedDisk::truncate_node(std::uint64_t node, std::uint64_t size) {
 int SimulatedDisk::lock(int descriptor) {
   if (fails(false)) return -1;
   Open& open = open_.at(descriptor);
-  if (locked_[open.node] > 0) return failed(EWOULDBLOCK);
-  ++locked_[open.node];
-  open.locks = true;
+  Locks& locks = locked_[open.node];
+  if (locks.alone > 0 || locks.shared > 0) return failed(EWOULDBLOCK);
+  ++locks.alone;
+  open.lock = Lock::alone;
+  return 0;
+}
+
+int SimulatedDisk::lock_shared(int descriptor) {
+  if (fails(false)) return -1;
+  Open& open = open_.at(descriptor);
+  Locks& locks = locked_[open.node];
+  if (locks.alone > 0) return failed(EWOULDBLOCK);
+  ++locks.shared;
+  open.lock = Lock::shared;
   return 0;
 }
 
 int SimulatedDisk::close(int descriptor) {
   const auto found = open_.find(descriptor);
   if (found == open_.end()) return failed(EBADF);
-  if (found->second.locks) --locked_[found->second.node];
+  Locks& locks = locked_[found->second.node];
+  if (found->second.lock == Lock::alone) --locks.alone;
+  if (found->second.lock == Lock::shared) --locks.shared;
   open_.erase(found);
   return 0;
 }

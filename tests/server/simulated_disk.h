@@ -86,7 +86,7 @@ class SimulatedDisk : public FileSystem {
   int allocate(int descriptor, std::uint64_t size) override;
   int truncate(int descriptor, std::uint64_t size) override;
   int lock(int descriptor) override;
-  int lock_shared(int descriptor) override { return lock(descriptor); }  // no store on it is shared
+  int lock_shared(int descriptor) override;
   int close(int descriptor) override;
   int rename(const Path& from, const Path& to) override;
   int link(const Path& file, const Path& name) override;
@@ -119,9 +119,13 @@ class SimulatedDisk : public FileSystem {
   Shared& shared(std::uint64_t node) { return shared_[node]; }
 
  private:
+  enum class Lock { none, shared, alone };
   struct Open {
     std::uint64_t node = 0, offset = 0;
-    bool locks = false;
+    Lock lock = Lock::none;
+  };
+  struct Locks {
+    int shared = 0, alone = 0;
   };
   bool fails(bool changing);
   int changed(std::vector<Edit> edits);
@@ -132,7 +136,7 @@ class SimulatedDisk : public FileSystem {
 
   State state_;
   std::map<int, Open> open_;
-  std::map<std::uint64_t, int> locked_;  // by node
+  std::map<std::uint64_t, Locks> locked_;  // by node
   std::map<std::uint64_t, Shared> shared_;
   std::mt19937_64 random_;
   std::uint64_t changes_ = 0;

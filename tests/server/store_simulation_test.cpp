@@ -7,9 +7,7 @@
 
 #include <algorithm>
 #include <cerrno>
-#include <cstdlib>
 #include <functional>
-#include <iostream>
 #include <memory>
 #include <string>
 #include <utility>
@@ -19,7 +17,7 @@
 #include "server/store/file.h"
 #include "server/store/store_commands.h"
 #include "tests/server/simulated_disk.h"
-#include "tests/server/store_contents.h"
+#include "tests/server/simulation.h"
 
 namespace deform::server {
 namespace {
@@ -28,115 +26,6 @@ namespace fs = std::filesystem;
 using Survival = SimulatedDisk::Survival;
 
 const fs::path place = "/srv/deformd/data";
-
-struct Action {
-  enum Kind { add, prepare, release, remove, list, reopen, check, back_up, rebuild, lose_catalog } kind;
-  unsigned mesh = 0, tenant = 0, setup = 0;
-};
-
-const char* const names[] = {"register", "prepare", "release", "remove",  "list",
-                             "reopen",   "check",   "back up", "rebuild", "lose the catalog"};
-
-const Mesh& mesh_of(unsigned number) {
-  static const std::vector<Mesh> meshes = [] {
-    std::vector<Mesh> made;
-    for (unsigned i = 0; i < 4; ++i) made.push_back(sheet_mesh(4 + i, 3 + 3 * i, 0.1 * i));
-    return made;
-  }();
-  return meshes[number];
-}
-OwnedId id_of(const Action& action) {
-  static const std::vector<std::string> ids = {mesh_id(mesh_of(0)), mesh_id(mesh_of(1)), mesh_id(mesh_of(2)),
-                                               mesh_id(mesh_of(3))};
-  return {StoreContents::tenants[action.tenant], ids[action.mesh]};
-}
-SetupRecord setup_of(const Action& action) {
-  return setup_record(id_of(action).id, -0.1 * (1 + action.setup), id_of(action).tenant);
-}
-std::string name_of(const Action& action) { return "mesh " + std::to_string(action.mesh) + " of " + id_of(action).tenant; }
-
-/// What differs between a store and what must (and may) be in it; empty: nothing. What may, but need not be there may be damaged
-/// if `damage_allowed`.
-enum class Damage { none, of_what_need_not_be };
-std::string difference(GeometryStore& store, const StoreContents& must, const StoreContents& may, Damage damage = Damage::none) {
-  const auto found = store.catalog().all_geometries();
-  const auto found_setups = store.catalog().all_setups();
-  for (const auto& [id, registered] : must.geometries) {
-    if (std::find(found.begin(), found.end(), id) == found.end()) return "lost geometry " + key_of(id);
-  }
-  for (const auto& [id, record] : must.setups) {
-    if (std::find(found_setups.begin(), found_setups.end(), id) == found_setups.end()) return "lost system " + key_of(id);
-  }
-  std::map<std::string, StoredAmount> amounts;
-  for (const auto& id : found) {
-    ++amounts[id.tenant].geometries;
-    const auto expected = may.geometries.find(id);
-    if (expected == may.geometries.end()) return "a geometry that should be gone: " + key_of(id);
-    const auto required = must.geometries.find(id);
-    const bool lenient = damage == Damage::of_what_need_not_be && required == must.geometries.end();
-    const v1::GeometryInfo info = store.info(id);
-    try {
-      if (store.load(id).points != expected->second.mesh.points) return "wrong bytes of " + key_of(id);
-    } catch (const Error& error) {
-      if (!lenient || error.code() != ErrorCode::data_loss) return "geometry " + key_of(id) + ": " + error.what();
-      continue;
-    }
-    if (lenient && !info.damage().empty()) continue;
-    if (!info.damage().empty()) return "geometry " + key_of(id) + ": " + info.damage();
-    if (info.name() != expected->second.info.name()) return "geometry " + key_of(id) + " is called \"" + info.name() + "\"";
-    const bool known = required != must.geometries.end() && required->second.info.registered_unix_ms() != 0;
-    if (known && info.registered_unix_ms() != required->second.info.registered_unix_ms()) {
-      return "another time of " + key_of(id);
-    }
-  }
-  for (const auto& id : found_setups) {
-    ++amounts[id.tenant].setups;
-    const auto expected = may.setups.find(id);
-    if (expected == may.setups.end()) return "a system that should be gone: " + key_of(id);
-    const auto record = store.find_setup(id);
-    if (!record || record->setup != expected->second.setup || record->info != expected->second.info) {
-      return "wrong system " + key_of(id);
-    }
-  }
-  for (const char* tenant : StoreContents::tenants) {
-    const StoredAmount has = store.amount_of(tenant);
-    if (has.geometries != amounts[tenant].geometries || has.setups != amounts[tenant].setups) {
-      return std::string("the amounts of ") + tenant + " are wrong";
-    }
-    if (static_cast<std::size_t>(store.list(tenant, {}).geometries_size()) != has.geometries) return "a list is wrong";
-  }
-  return {};
-}
-
-/// What is there, of all that may be.
-StoreContents visible(GeometryStore& store, const StoreContents& may) {
-  StoreContents seen;
-  for (const auto& id : store.catalog().all_geometries()) {
-    const auto expected = may.geometries.find(id);
-    if (expected != may.geometries.end()) seen.geometries[id] = {expected->second.mesh, store.info(id)};
-  }
-  for (const auto& id : store.catalog().all_setups()) {
-    if (const auto record = store.find_setup(id)) seen.setups[id] = *record;
-  }
-  return seen;
-}
-
-StoreContents joined(StoreContents a, const StoreContents& b) {
-  a.geometries.insert(b.geometries.begin(), b.geometries.end());
-  a.setups.insert(b.setups.begin(), b.setups.end());
-  return a;
-}
-
-StoreContents common(const StoreContents& a, const StoreContents& b) {
-  StoreContents both;
-  for (const auto& [id, registered] : a.geometries) {
-    if (b.geometries.count(id) > 0) both.geometries[id] = registered;
-  }
-  for (const auto& [id, record] : a.setups) {
-    if (b.setups.count(id) > 0) both.setups[id] = record;
-  }
-  return both;
-}
 
 /// A disk, a store on it, and what it has acknowledged.
 class Machine {
@@ -205,35 +94,7 @@ class Machine {
         break;
       }
     }
-    contents = after(contents, action);
-  }
-
-  /// What there is when an action is done; the times of what is new are not known.
-  static StoreContents after(StoreContents contents, const Action& action) {
-    const OwnedId id = id_of(action);
-    switch (action.kind) {
-      case Action::add:
-        if (contents.geometries.count(id) == 0) {
-          v1::GeometryInfo info;
-          info.set_name(name_of(action));
-          contents.geometries[id] = {mesh_of(action.mesh), info};
-        }
-        break;
-      case Action::prepare:
-        if (contents.geometries.count(id) > 0) contents.setups.try_emplace(owned(setup_of(action)), setup_of(action));
-        break;
-      case Action::release:
-        contents.setups.erase(owned(setup_of(action)));
-        break;
-      case Action::remove:
-        contents.geometries.erase(id);
-        std::erase_if(contents.setups,
-                      [&](const auto& entry) { return entry.first.tenant == id.tenant && entry.second.geometry_id == id.id; });
-        break;
-      default:
-        break;
-    }
-    return contents;
+    contents = contents_after(contents, action);
   }
 
   SimulatedDisk disk;
@@ -243,10 +104,8 @@ class Machine {
   int backups = 0;
 };
 
-class StoreSimulation : public StoreTest {
+class StoreSimulation : public Simulation {
  protected:
-  static bool is_long() { return std::getenv("DEFORM_LONG") != nullptr; }
-
   static Action random_action(std::mt19937_64& random) {
     static constexpr Action::Kind kinds[] = {Action::add,     Action::add,          Action::add,    Action::prepare,
                                              Action::prepare, Action::prepare,      Action::remove, Action::list,
@@ -293,10 +152,6 @@ class StoreSimulation : public StoreTest {
     machine.store = std::make_unique<GeometryStore>(backup, machine.options);
     EXPECT_EQ(difference(*machine.store, contents, contents), "") << "in a backup";
   }
-
-  static void SetUpTestSuite() { states = 0; }
-  static void TearDownTestSuite() { std::cout << "[  states  ] " << states << '\n'; }
-  static inline std::size_t states = 0;
 };
 
 // ---- a machine that stops ----
@@ -356,7 +211,7 @@ class StopAnywhere : public StoreSimulation, public testing::WithParamInterface<
 TEST_P(StopAnywhere, what_was_acknowledged_is_there_and_nothing_is_half_there) {
   const auto& history = histories[GetParam()];
   std::vector<StoreContents> contents(1);
-  for (const Action& action : history) contents.push_back(Machine::after(contents.back(), action));
+  for (const Action& action : history) contents.push_back(contents_after(contents.back(), action));
   contents.push_back(contents.back());
   enumerate(history, is_long() ? 60 : 1, states, [&](const SimulatedDisk::State& left, std::size_t action, Survival) {
     // The times differ from run to run: names and bytes are compared.
@@ -389,17 +244,7 @@ TEST_P(StopAnywhere, what_was_acknowledged_is_there_and_nothing_is_half_there) {
 
 INSTANTIATE_TEST_SUITE_P(Histories, StopAnywhere, testing::Range<std::size_t>(0, std::size(histories)));
 
-class RandomHistory : public StoreSimulation {
- protected:
-  /// Runs `run(seed)` for all seeds, or that of the environment.
-  void for_seeds(unsigned count, const std::function<void(std::uint64_t)>& run) {
-    if (const char* seed = std::getenv("DEFORM_SIMULATION_SEED")) return run(std::strtoull(seed, nullptr, 10));
-    for (std::uint64_t seed = 1; seed <= count && !HasFailure(); ++seed) {
-      SCOPED_TRACE("DEFORM_SIMULATION_SEED=" + std::to_string(seed));
-      run(seed);
-    }
-  }
-};
+class RandomHistory : public StoreSimulation {};
 
 TEST_F(RandomHistory, stops_again_and_again_lose_nothing) {
   for_seeds(is_long() ? 3000 : 40, [&](std::uint64_t seed) {
@@ -419,7 +264,7 @@ TEST_F(RandomHistory, stops_again_and_again_lose_nothing) {
         while (!machine.disk.stopped()) {
           const Action action = random_action(random);
           before = machine.contents;
-          next = Machine::after(before, action);
+          next = contents_after(before, action);
           trace += std::string("\n") + names[action.kind] + " " + name_of(action);
           try {
             machine.act(action);
@@ -507,7 +352,7 @@ TEST_F(RandomHistory, calls_that_fail_leave_what_was_there_and_a_store_that_work
         }
         machine.disk.fault = nullptr;
         trace += std::string("\n") + names[action.kind] + " " + name_of(action) + (done ? "" : " failed");
-        const StoreContents whole = Machine::after(may, action);
+        const StoreContents whole = contents_after(may, action);
         if (done) {
           must = machine.contents;
           may = joined(common(whole, whole), must);
@@ -544,7 +389,7 @@ TEST_F(StoreSimulation, an_upload_that_failed_at_any_change_is_whole_or_gone_aft
   empty.store.reset();
   std::mt19937_64 random(1);
   for (const Action action : {Action{Action::add, 0, 0}, Action{Action::prepare, 1, 1, 1}}) {
-    const StoreContents before = empty.contents, after = Machine::after(before, action);
+    const StoreContents before = empty.contents, after = contents_after(before, action);
     bool failed = true;
     for (int step = 1; failed && !HasFailure(); ++step) {
       Machine machine(empty.disk.state());
