@@ -27,7 +27,7 @@ class NotConnected : public Error {
 bool failed_handshake(const grpc::Status& status);
 
 /// A proxy reset the call without a status: the server behind it went, or ended the call before all of the request had come, of
-/// which haproxy before 3.2 drops the status (its issue 1219).
+/// which haproxy 2.6 drops the status (its issue 1219).
 bool cut_short(const grpc::Status& status);
 
 /// Throws a status that is not OK as an Error with the server's message; the retry hint is read from the trailing metadata of the
