@@ -25,6 +25,10 @@ std::string three_digits(double value) {
 
 std::string mebibytes(std::size_t bytes) {
   char text[32];
+  if (bytes > 0 && bytes < (std::size_t{1} << 20)) {
+    std::snprintf(text, sizeof(text), "%.1f KiB", static_cast<double>(bytes) / 1024.0);
+    return text;
+  }
   std::snprintf(text, sizeof(text), "%.1f MiB", static_cast<double>(bytes) / (1024.0 * 1024.0));
   return text;
 }

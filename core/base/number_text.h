@@ -12,7 +12,7 @@ std::string number_digits(double value);
 /// With three significant digits: "0.0123", "1.2e+15". Depends on the locale of C.
 std::string three_digits(double value);
 
-/// Formats a number of bytes in mebibytes: "12.3 MiB".
+/// Formats a number of bytes in mebibytes: "12.3 MiB"; less than one in kibibytes: "12.3 KiB".
 std::string mebibytes(std::size_t bytes);
 
 }  // namespace deform

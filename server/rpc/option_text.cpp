@@ -46,7 +46,8 @@ std::size_t parse_bytes(const std::string& text) {
   if (found == units.end() || digits == 0) throw not_a_size;
   double value = 0;
   const auto [end, failure] = std::from_chars(text.data(), text.data() + digits, value);
-  if (failure != std::errc() || end != text.data() + digits || value * found->second > 0x1p60) throw not_a_size;
+  const bool part_of_a_byte = found->second == 1 && text.find('.') < digits;
+  if (part_of_a_byte || failure != std::errc() || end != text.data() + digits || value * found->second > 0x1p60) throw not_a_size;
   return static_cast<std::size_t>(value * found->second);
 }
 

@@ -9,6 +9,7 @@
 
 #include "core/base/text.h"
 #include "proto/convert/base/error.h"
+#include "server/rpc/option_text.h"
 #include "server/rpc/peers.h"
 #include "server/rpc/service_messages.h"
 #include "server/rpc/status.h"
@@ -212,7 +213,12 @@ grpc::Status CallScope::finish(std::optional<Error> error) {
   call_.open->answered();  // whoever has the answer and asks for a list does not find the call there
   record.error = std::move(error);
   if (!record.error) return grpc::Status::OK;
-  if (auto ended = call_.open->ended()) record.error = std::move(ended);
+  if (auto ended = call_.open->ended()) {
+    record.error = std::move(ended);
+  } else if (record.error->code() == ErrorCode::deadline_exceeded && overdue_ && call_.deadline == *overdue_ - time_to_answer) {
+    record.error = Error(ErrorCode::deadline_exceeded, "the call took longer than the " + to_seconds(incoming_.max_deadline) +
+                                                           " s that this server allows (--max-deadline)");
+  }
   if (const std::uint32_t hint = record.error->retry_after_ms(); hint != 0) {
     incoming_.context->AddTrailingMetadata(convert::retry_after_key, std::to_string(hint));
   }

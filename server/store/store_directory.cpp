@@ -139,8 +139,11 @@ void examine(const fs::path& root, StoreDirectory::Accept accept, const std::str
                                                     std::string(mark_text, std::strlen(mark_text) - 1) + "\"");
   }
   if (accept == StoreDirectory::Accept::existing) {
-    throw Error(ErrorCode::failed_precondition,
-                "store: " + root.string() + " is not a store of deformd (it has no file \"" + mark_name + "\")");
+    std::string message = "store: " + root.string() + " is not a store of deformd (it has no file \"" + mark_name + "\")";
+    if (alone && laid_out_like_a_store(root, files)) {
+      message += "; it looks like one: \"deformd store rebuild --data-dir " + root.string() + "\" writes the file anew";
+    }
+    throw Error(ErrorCode::failed_precondition, message);
   }
   if (is_empty_folder(root, files)) return;
   if (alone && is_catalog_of_0_1(root / "catalog.sqlite", files)) return;

@@ -66,6 +66,29 @@ TEST_P(ServiceUnary, CallsEndByTheTimeThatTheServerAllows) {
   EXPECT_TRUE(stream->Finish().ok());
 }
 
+TEST_P(ServiceUnary, CallsThatTheServerEndsSayByWhichOption) {
+  engine.on_estimate = [](const v1::EstimateRequest&, const CallContext& call, const auto& done) {
+    std::this_thread::sleep_until(*call.deadline);
+    done({{}, Error(ErrorCode::deadline_exceeded, "deadline exceeded"), {}});
+  };
+  ServiceOptions options;
+  options.max_deadline = std::chrono::milliseconds(1500);
+  start(options);
+  const auto ask = [&](std::chrono::milliseconds own) {
+    grpc::ClientContext context;
+    context.set_deadline(std::chrono::system_clock::now() + own);
+    v1::EstimateReply reply;
+    return stub->Estimate(&context, {}, &reply);
+  };
+  const grpc::Status status = ask(std::chrono::seconds(60));
+  EXPECT_THAT(status, EndedWith(StatusCode::DEADLINE_EXCEEDED));
+  EXPECT_NE(status.error_message().find("1.5 s that this server allows (--max-deadline)"), std::string::npos)
+      << status.error_message();
+  const grpc::Status own = ask(std::chrono::milliseconds(50));
+  EXPECT_THAT(own, EndedWith(StatusCode::DEADLINE_EXCEEDED));
+  EXPECT_EQ(own.error_message().find("--max-deadline"), std::string::npos) << own.error_message();
+}
+
 // With one thread for calls: estimates that wait hold none, end when their clients leave, and are answered when it is their turn.
 TEST_P(ServiceUnary, EstimatesThatWaitHoldNoThread) {
   ServiceOptions options;

@@ -118,8 +118,12 @@ class Sweep {
         source_(source_of(prepared)) {
     constexpr std::size_t batch_bytes = std::size_t{64} << 20;
     const std::size_t design_bytes = source_.mesh()->point_count() * sizeof(Vec3) + 1;
-    batch_ =
-        options.batch > 0 ? static_cast<std::size_t>(options.batch) : std::clamp<std::size_t>(batch_bytes / design_bytes, 1, 16);
+    if (options.batch > 0) {
+      batch_ = static_cast<std::size_t>(options.batch);
+      return;
+    }
+    const std::uint64_t limit = connection.client().server_info().limits().max_designs();  // 0: of a server that does not say
+    batch_ = std::clamp<std::size_t>(batch_bytes / design_bytes, 1, limit == 0 ? 16 : std::min<std::size_t>(16, limit));
   }
 
   SweepReport run(const DesignTable& table, Progress& progress) {
@@ -455,7 +459,9 @@ void add_sweep_command(CLI::App& app, const CommonOptions& common, Action& chose
                    "Seconds, about, for which a server that went away is waited for, as while it restarts")
       ->check(CLI::Range(0, 600))
       ->capture_default_str();
-  command->add_option("--batch", options->batch, "Designs per request; 0: as many as fit into 64 MiB, at most 16")
+  command
+      ->add_option("--batch", options->batch,
+                   "Designs per request; 0: as many as fit into 64 MiB, at most 16 and what the server takes")
       ->check(CLI::Range(0, 1000))
       ->capture_default_str();
   command->add_flag("--keep-going,!--no-keep-going", options->keep_going,

@@ -147,7 +147,9 @@ void HandleSystem::check_tolerance(const BoundDesign& design, std::size_t index)
   const double tolerance = design.tolerance;
   if (tolerance == 0) return;
   const std::string text = ".tolerance: " + number_digits(tolerance);
-  if (!to_tolerance(info_.solver)) refuse(index, text + ", but solver " + to_string(info_.solver) + " has none");
+  if (!to_tolerance(info_.solver)) {
+    refuse(index, text + " (solver_tolerance of the request), but solver " + to_string(info_.solver) + " has none");
+  }
   const bool prepared_for = info_.solver == Solver::incremental_qr;
   const double least = prepared_for ? info_.tolerance : least_tolerance;
   if (tolerance >= least && tolerance <= largest_tolerance) return;
