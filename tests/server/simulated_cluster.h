@@ -188,27 +188,35 @@ class Cluster {
     const Answer answer = attempt(action);
     contents = results(contents, action, answer);
   }
-  /// Another server does `inner` before a point of `outer`; whether there was such a point.
+  /// What another server does before a point of an action, counted from its first one. In order.
+  struct Meanwhile {
+    std::uint64_t point = 1;
+    Action action;
+  };
+  /// Whether there were all those points. `first`: before the first of them.
   bool act_within(
-      const Action& outer, std::uint64_t point, const Action& inner, const std::function<void()>& first = [] {}) {
-    std::optional<Answer> inside;
-    std::uint64_t left = point;
+      const Action& outer, const std::vector<Meanwhile>& others, const std::function<void()>& first = [] {}) {
+    std::vector<Answer> inside;
+    std::uint64_t point = 0;
     at(outer.server).fate.before_point = [&] {
-      if (left == 0 || --left > 0) return;
-      first();
-      trace += "\n  meanwhile:";
-      inside = attempt(inner);
+      ++point;
+      while (inside.size() < others.size() && others[inside.size()].point <= point) {
+        if (inside.empty()) first();
+        trace += "\n  meanwhile:";
+        inside.push_back(attempt(others[inside.size()].action));
+      }
     };
     const Answer outside = attempt(outer);
     at(outer.server).fate.before_point = nullptr;
-    if (!inside) {
-      contents = results(contents, outer, outside);
-      return false;
+    // It took effect before, between or after theirs.
+    std::vector<StoreContents> before = std::exchange(contents, {});
+    for (std::size_t i = 0; i <= inside.size(); ++i) {
+      auto after = results(before, outer, outside);
+      for (std::size_t j = i; j < inside.size(); ++j) after = results(after, others[j].action, inside[j]);
+      contents.insert(contents.end(), after.begin(), after.end());
+      if (i < inside.size()) before = results(before, others[i].action, inside[i]);
     }
-    const auto inner_first = results(results(contents, inner, *inside), outer, outside);
-    contents = results(results(contents, outer, outside), inner, *inside);
-    contents.insert(contents.end(), inner_first.begin(), inner_first.end());
-    return true;
+    return inside.size() == others.size();
   }
 
   /// All live servers agree on one of the contents that may be there.
