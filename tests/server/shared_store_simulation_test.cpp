@@ -112,7 +112,7 @@ TEST_P(KilledAnywhere, a_server_leaves_what_was_acknowledged_and_others_end_the_
         later.lose_power(survival, random);
         later.expect_contents();
         expect_clean(later);
-        // What was taken over stays so.
+        // Files of uploads that were taken over do not come back.
         later.lose_power(survival == Survival::random ? Survival::random : Survival::durable, random);
         expect_clean(later);
       }
@@ -292,8 +292,8 @@ TEST_F(SharedStoreSimulation, calls_that_fail_are_done_or_not_and_leave_a_store_
           cluster.act({Action::add, 0, 1, 0, 0});
           cluster.settle();
           cluster.expect_known_files();
-          // What the server began without hearing the answer is known to the catalog alone, and ends when the server does. All
-          // else it ends itself, later.
+          // An intent whose begin was not answered is known to the catalog alone, and ends when the server does. All else the
+          // server ends itself, later.
           if (fault.loss == SimulatedServer::Loss::answer) cluster.restart(0);
           expect_clean(cluster);
         }

@@ -34,7 +34,7 @@ struct Answer {
   bool existed = false;  ///< what was registered or released
 };
 
-/// What may be there after a call that was answered so, by what may have been there before.
+/// The contents that may be there after a call that was answered so, by those that may have been there before.
 inline std::vector<StoreContents> results(const std::vector<StoreContents>& from, const Action& action, const Answer& answer) {
   std::vector<StoreContents> to;
   for (const auto& contents : from) {
@@ -188,7 +188,7 @@ class Cluster {
     const Answer answer = attempt(action);
     contents = results(contents, action, answer);
   }
-  /// What another server does before a point of an action, counted from its first one. In order.
+  /// A call of another server before a point of an action, counted from its first one.
   struct Meanwhile {
     std::uint64_t point = 1;
     Action action;

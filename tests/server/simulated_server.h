@@ -29,7 +29,7 @@ class SimulatedServer {
 
   /// Called before each point; what others do there, they do between two steps of this server.
   std::function<void()> before_point;
-  /// What becomes of a call of the catalog.
+  /// The fate of each call of the catalog; empty: none is lost.
   std::function<Loss()> catalog_fault;
 
   /// Whether the point is reached alive.
