@@ -8,6 +8,7 @@
 
 #include <cerrno>
 #include <cstdlib>
+#include <map>
 #include <memory>
 #include <random>
 #include <string>
@@ -612,7 +613,38 @@ class RandomCluster : public SharedStoreSimulation {
     }
     cluster.faulty = false;
   }
+
+  /// New processes for those that were killed, at once or after others have ended what they were at.
+  static void revive(Cluster& cluster, std::mt19937_64& random) {
+    for (unsigned server = 0; server < 3; ++server) {
+      if (cluster.lives(server)) continue;
+      cluster.at(server).stop();
+      if (random() % 2 == 0) cluster.settle();
+      cluster.restart(server);
+    }
+  }
 };
+
+TEST_F(RandomCluster, a_seed_does_the_same_again) {
+  for_seeds(10, [&](std::uint64_t seed) {
+    std::string traces[2];
+    std::map<std::string, std::uint64_t> files[2];
+    for (const int run : {0, 1}) {
+      std::mt19937_64 random(seed);
+      Cluster cluster;
+      cluster.open_all();
+      for (int i = 0; i < 12; ++i) {
+        step(cluster, random);
+        cluster.contents.resize(1);  // none is looked at
+        revive(cluster, random);
+      }
+      traces[run] = cluster.trace + "\nat " + std::to_string(cluster.database.state().now_ms);
+      files[run] = cluster.disk->files(place);
+    }
+    EXPECT_EQ(traces[0], traces[1]);
+    EXPECT_EQ(files[0], files[1]);
+  });
+}
 
 TEST_F(RandomCluster, whatever_happens_to_servers_nothing_is_lost_or_comes_back) {
   for_seeds(is_long() ? 8200 : 60, [&](std::uint64_t seed) {
@@ -623,12 +655,7 @@ TEST_F(RandomCluster, whatever_happens_to_servers_nothing_is_lost_or_comes_back)
       ASSERT_NO_THROW(step(cluster, random)) << cluster.trace;
       ++states;
       ASSERT_NO_FATAL_FAILURE(cluster.expect_contents());
-      for (unsigned server = 0; server < 3; ++server) {
-        if (cluster.lives(server)) continue;
-        cluster.at(server).stop();
-        if (random() % 2 == 0) cluster.settle();
-        cluster.restart(server);
-      }
+      revive(cluster, random);
       ASSERT_FALSE(HasFailure()) << cluster.trace;
     }
     for (unsigned server = 0; server < 3; ++server) cluster.restart(server);
