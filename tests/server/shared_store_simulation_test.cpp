@@ -85,7 +85,7 @@ class KilledAnywhere : public SharedStoreSimulation, public testing::WithParamIn
 TEST_P(KilledAnywhere, a_server_leaves_what_was_acknowledged_and_others_end_the_rest) {
   const auto& history = histories[GetParam()];
   std::vector<Survival> outcomes = {Survival::durable, Survival::names, Survival::content};
-  outcomes.insert(outcomes.end(), is_long() ? 50 : 2, Survival::random);
+  outcomes.insert(outcomes.end(), is_long() ? 50 : 1, Survival::random);
   std::mt19937_64 random(1);
   for (const unsigned victim : {0u, 1u}) {
     bool killed = true;
@@ -127,7 +127,7 @@ TEST_P(KilledAnywhere, a_server_leaves_what_was_acknowledged_and_others_end_the_
       expect_clean(cluster);
     }
   }
-  expect_states(320, 2900);
+  expect_states(690, 2900);
 }
 
 INSTANTIATE_TEST_SUITE_P(Histories, KilledAnywhere, testing::Range<std::size_t>(0, std::size(histories)));
@@ -173,7 +173,7 @@ class Between : public SharedStoreSimulation {
   void run(Session session) {
     const Action::Kind outers[] = {Action::add, Action::prepare, Action::release, Action::remove, Action::list, Action::check};
     const Action::Kind inners[] = {Action::add, Action::prepare, Action::release, Action::remove, Action::list};
-    for (const int start : {0, 1, 2}) {
+    for (int start = 0; start <= 2; start += is_long() ? 1 : 2) {
       for (const Action::Kind outer : outers) {
         for (const Action::Kind inner : inners) {
           bool reached = true;
@@ -208,7 +208,7 @@ TEST_F(Between, what_comes_goes_and_comes_again_meanwhile_is_not_mixed_up) {
     for (const auto& inner : sequences) {
       bool reached = true;
       for (std::uint64_t from = 1; reached && !HasFailure(); ++from) {
-        for (std::uint64_t to = from; reached && !HasFailure(); ++to) {
+        for (std::uint64_t to = from; reached && !HasFailure(); to += is_long() ? 1 : 5) {
           Cluster cluster;
           cluster.open_all();
           if (inner[0] == Action::remove) cluster.act({Action::add, 0, 1, 0, 2});
@@ -241,12 +241,17 @@ TEST_F(SharedStoreSimulation, a_put_that_others_ended_before_its_file_was_writte
   Cluster cluster;
   cluster.open_all();
   cluster.faulty = true;
-  const std::uint64_t file_is_made = 4;  // after the time, the look whether it is known, and the intent
-  cluster.act_within({Action::add, 0, 0, 0, 0}, {{file_is_made, {Action::list, 0, 0, 0, 1}}}, [&] {
+  bool taken_over = false;
+  cluster.at(0).fate.before_point = [&] {
+    if (taken_over || cluster.database.state().intents.empty()) return;
+    taken_over = true;
     cluster.at(0).catalog->cut_off();
     cluster.settle_by(1);
     EXPECT_TRUE(cluster.database.state().intents.empty()) << "taken over and ended";
-  });
+  };
+  cluster.act({Action::add, 0, 0, 0, 0});
+  cluster.at(0).fate.before_point = nullptr;
+  EXPECT_TRUE(taken_over);
   EXPECT_NE(cluster.trace.find("gave the upload up"), std::string::npos) << cluster.trace;
   cluster.at(0).catalog->come_back();
   EXPECT_EQ(cluster.disk->files(place / "geometries").size(), 0u);
@@ -256,7 +261,11 @@ TEST_F(SharedStoreSimulation, a_put_that_others_ended_before_its_file_was_writte
 TEST_F(SharedStoreSimulation, a_file_in_tmp_that_was_taken_over_stays_away_when_the_power_is_lost) {
   Cluster cluster;
   cluster.open_all();
-  cluster.at(0).fate.stops_at = cluster.at(0).fate.points() + 7;  // the file is written and synced
+  int written = 0;
+  cluster.at(0).fate.before_point = [&] {
+    for (const auto& [file, bytes] : cluster.disk->files(place / "tmp")) written += bytes > 0 ? 1 : 0;
+    if (written == 2) cluster.at(0).fate.stop();  // it is synced and not yet renamed
+  };
   cluster.act({Action::add, 0, 0, 0, 0});
   cluster.at(0).stop();
   ASSERT_EQ(cluster.disk->files(place / "tmp").size(), 1u);
@@ -342,7 +351,9 @@ TEST_F(SharedStoreSimulation, servers_that_start_at_once_or_are_killed_meanwhile
       try {
         cluster.at(0).open();
       } catch (const Error& error) {
-        EXPECT_EQ(error.code(), ErrorCode::unavailable) << error.what();
+        // One that has waited in vain for the claim of another one may find half a store: it has to be started again.
+        const bool half = error.code() == ErrorCode::failed_precondition && !killed;
+        EXPECT_TRUE(half || error.code() == ErrorCode::unavailable) << error.what();
       }
       ++states;
       fate.before_point = nullptr;
@@ -480,6 +491,36 @@ TEST_F(Damaged, a_folder_without_its_mark_is_not_the_store_and_nothing_is_lost) 
   expect_clean(cluster);
 }
 
+// ---- what is in memory ----
+
+TEST_F(SharedStoreSimulation, removals_reach_the_memory_of_all_servers_with_the_news_or_when_they_compare) {
+  using News = SimulatedDatabase::News;
+  for (const News news : {News::at_once, News::late, News::lost}) {
+    Cluster cluster;
+    cluster.open_all();
+    cluster.act({Action::add, 0, 0, 0, 0});
+    for (const unsigned server : {0u, 1u, 2u}) {
+      cluster.act({Action::prepare, 0, 0, 0, server});
+      cluster.act({Action::list, 0, 0, 0, server});
+    }
+    cluster.database.set_news(news);
+    cluster.act({Action::remove, 0, 0, 0, 2});
+    cluster.expect_contents();
+    for (auto& server : cluster.servers) {
+      const bool knows = server->memory[Intent::What::geometry].empty() && server->memory[Intent::What::setup].empty();
+      EXPECT_EQ(knows, news == News::at_once);
+    }
+    cluster.database.deliver();
+    if (news == News::lost) {
+      for (auto& server : cluster.servers) {
+        server->catalog->keep_house();  // the first time there is nothing to compare
+        server->catalog->keep_house();
+      }
+    }
+    cluster.expect_memory_of_contents();
+  }
+}
+
 // ---- a full disk ----
 
 TEST_F(SharedStoreSimulation, a_full_folder_refuses_lets_remove_and_works_again_with_room) {
@@ -560,7 +601,7 @@ class RandomCluster : public SharedStoreSimulation {
     const auto one = static_cast<unsigned>(random() % 3), other = static_cast<unsigned>((one + 1 + random() % 2) % 3);
     Action action = random_action(random, one);
     std::vector<Cluster::Meanwhile> meanwhile;
-    for (std::uint64_t point = 1 + random() % 12; meanwhile.size() < 4 && point < 14; point += random() % 8) {
+    for (std::uint64_t point = 1 + random() % 24; meanwhile.size() < 4 && point < 26; point += random() % 12) {
       Action next = random_action(random, (one + 1 + random() % 2) % 3);
       if (random() % 4 != 0) {  // the same content
         next.mesh = action.mesh;
@@ -578,7 +619,7 @@ class RandomCluster : public SharedStoreSimulation {
         cluster.act_within(action, meanwhile);
         break;
       case 3:  // killed, maybe after another server has come in between
-        fate.stops_at = fate.points() + 1 + random() % 12;
+        fate.stops_at = fate.points() + 1 + random() % 24;
         cluster.act_within(action, meanwhile);
         fate.stops_at = UINT64_MAX;
         break;
@@ -604,7 +645,7 @@ class RandomCluster : public SharedStoreSimulation {
         break;
       case 7:  // killed while it ends what others have left
         cluster.trace += "\nhousekeeping";
-        if (random() % 2 == 0) fate.stops_at = fate.points() + 1 + random() % 12;
+        if (random() % 2 == 0) fate.stops_at = fate.points() + 1 + random() % 24;
         cluster.settle_by(one);
         fate.stops_at = UINT64_MAX;
         break;
