@@ -102,12 +102,14 @@ class Server {
         case Action::remove:
           store->remove(id, WithSetups::remove);
           break;
-        case Action::list:
-          store->list(id.tenant, {});
+        case Action::list: {
+          const auto reply = store->list(id.tenant, {});
+          for (const auto& info : reply.geometries()) EXPECT_EQ(info.damage(), "");
           store->state();
           EXPECT_EQ(store->load(id).points, mesh_of(action.mesh).points);
           memory[Intent::What::geometry].insert(id);
           break;
+        }
         case Action::check: {
           const StoreReport report = store->check({}, [](const GeometryRecord&) { return nullptr; });
           EXPECT_EQ(report.outcome, StoreReport::Outcome::well) << testing::PrintToString(report.lines);
