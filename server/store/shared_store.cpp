@@ -28,7 +28,7 @@ v1::GeometryInfo whole_info(const GeometryRecord& record, std::size_t setups) {
   return info;
 }
 
-/// What cannot be looked at is not missing.
+/// A file that cannot be looked at is not missing.
 bool is_missing(FileSystem& files, const std::filesystem::path& path) {
   struct stat status {};
   return files.status(path, FileSystem::Links::follow, status) != 0 && (errno == ENOENT || errno == ENOTDIR);
@@ -160,7 +160,7 @@ v1::GeometryInfo SharedStore::put(const Mesh& mesh, GeometryRecord record, const
     step("the content is in place");
     const SharedCatalog::Added added = catalog_->add(record, lost, terms.quota);
     step("the row is written");
-    // What a row that was damaged has named, or what could not be looked at, may be there: from now on nothing names it.
+    // The file of a row that was damaged, or one that could not be looked at, may be there: nothing names it from now on.
     if (added.outcome == SharedCatalog::Added::Outcome::healed && known) try_remove(files_, file_of(*known));
     if (added.outcome == SharedCatalog::Added::Outcome::known) {
       Intent removal{Intent::Kind::remove, {{Intent::What::geometry, id.id, 0, {}, id.tenant}}};

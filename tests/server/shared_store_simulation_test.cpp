@@ -8,6 +8,7 @@
 
 #include <cerrno>
 #include <cstdlib>
+#include <map>
 #include <memory>
 #include <random>
 #include <string>
@@ -84,7 +85,7 @@ class KilledAnywhere : public SharedStoreSimulation, public testing::WithParamIn
 TEST_P(KilledAnywhere, a_server_leaves_what_was_acknowledged_and_others_end_the_rest) {
   const auto& history = histories[GetParam()];
   std::vector<Survival> outcomes = {Survival::durable, Survival::names, Survival::content};
-  outcomes.insert(outcomes.end(), is_long() ? 50 : 2, Survival::random);
+  outcomes.insert(outcomes.end(), is_long() ? 50 : 1, Survival::random);
   std::mt19937_64 random(1);
   for (const unsigned victim : {0u, 1u}) {
     bool killed = true;
@@ -112,7 +113,7 @@ TEST_P(KilledAnywhere, a_server_leaves_what_was_acknowledged_and_others_end_the_
         later.lose_power(survival, random);
         later.expect_contents();
         expect_clean(later);
-        // What was taken over stays so.
+        // Files of uploads that were taken over do not come back.
         later.lose_power(survival == Survival::random ? Survival::random : Survival::durable, random);
         expect_clean(later);
       }
@@ -126,10 +127,42 @@ TEST_P(KilledAnywhere, a_server_leaves_what_was_acknowledged_and_others_end_the_
       expect_clean(cluster);
     }
   }
-  expect_states(320, 2900);
+  expect_states(690, 2900);
 }
 
 INSTANTIATE_TEST_SUITE_P(Histories, KilledAnywhere, testing::Range<std::size_t>(0, std::size(histories)));
+
+TEST_F(SharedStoreSimulation, a_server_that_is_killed_while_it_ends_what_another_one_left_leaves_it_to_a_third) {
+  std::mt19937_64 random(1);
+  for (const auto kind : {Action::add, Action::remove}) {
+    bool first_killed = true, second_killed = true;
+    for (std::uint64_t first = 1; first_killed && !HasFailure(); ++first) {
+      for (std::uint64_t second = 1; first_killed && (second_killed || second == 1) && !HasFailure(); ++second) {
+        SCOPED_TRACE(std::string(names[kind]) + ": killed at points " + std::to_string(first) + " and " + std::to_string(second));
+        Cluster cluster;
+        cluster.open_all();
+        if (kind == Action::remove) cluster.act({Action::add, 0, 0, 0, 2});
+        auto& one = cluster.at(0).fate;
+        one.stops_at = one.points() + first;
+        cluster.act({kind, 0, 0, 0, 0});
+        first_killed = one.stopped();
+        one.stops_at = UINT64_MAX;
+        cluster.at(0).stop();
+        auto& other = cluster.at(1).fate;
+        other.stops_at = other.points() + second;
+        cluster.settle_by(1);
+        second_killed = other.stopped();
+        other.stops_at = UINT64_MAX;
+        cluster.at(1).stop();
+        ++states;
+        ASSERT_NO_FATAL_FAILURE(cluster.expect_contents());
+        if (random() % 2 == 0) cluster.lose_power(Survival::random, random);
+        expect_clean(cluster);
+      }
+    }
+  }
+  expect_states(110, 110);
+}
 
 // ---- servers that act at the same time ----
 
@@ -140,7 +173,7 @@ class Between : public SharedStoreSimulation {
   void run(Session session) {
     const Action::Kind outers[] = {Action::add, Action::prepare, Action::release, Action::remove, Action::list, Action::check};
     const Action::Kind inners[] = {Action::add, Action::prepare, Action::release, Action::remove, Action::list};
-    for (const int start : {0, 1, 2}) {
+    for (int start = 0; start <= 2; start += is_long() ? 1 : 2) {
       for (const Action::Kind outer : outers) {
         for (const Action::Kind inner : inners) {
           bool reached = true;
@@ -150,7 +183,7 @@ class Between : public SharedStoreSimulation {
             if (start > 0) cluster.act({Action::add, 0, 1, 0, 2});
             if (start > 1) cluster.act({Action::prepare, 0, 1, 0, 2});
             cluster.faulty = session == Session::is_cut_off;
-            reached = cluster.act_within({outer, 0, 1, 0, 0}, point, {inner, 0, 1, 0, 1}, [&] {
+            reached = cluster.act_within({outer, 0, 1, 0, 0}, {{point, {inner, 0, 1, 0, 1}}}, [&] {
               cluster.at(1).catalog->keep_house();
               if (session == Session::lives) return;
               cluster.at(0).catalog->cut_off();
@@ -168,6 +201,32 @@ class Between : public SharedStoreSimulation {
   }
 };
 
+/// Put, removed and put again by another server while this one is at it: nothing is taken for what it was.
+TEST_F(Between, what_comes_goes_and_comes_again_meanwhile_is_not_mixed_up) {
+  const std::vector<std::vector<Action::Kind>> sequences = {{Action::remove, Action::add}, {Action::add, Action::remove}};
+  for (const auto outer : {Action::add, Action::prepare, Action::remove, Action::list, Action::check}) {
+    for (const auto& inner : sequences) {
+      bool reached = true;
+      for (std::uint64_t from = 1; reached && !HasFailure(); ++from) {
+        for (std::uint64_t to = from; reached && !HasFailure(); to += is_long() ? 1 : 5) {
+          Cluster cluster;
+          cluster.open_all();
+          if (inner[0] == Action::remove) cluster.act({Action::add, 0, 1, 0, 2});
+          reached = cluster.act_within({outer, 0, 1, 0, 0}, {{from, {inner[0], 0, 1, 0, 1}}, {to, {inner[1], 0, 1, 0, 1}}});
+          ++states;
+          ASSERT_NO_FATAL_FAILURE(cluster.expect_contents());
+          expect_clean(cluster);
+          if (!reached && to > from) {
+            reached = true;
+            break;
+          }
+        }
+      }
+    }
+  }
+  expect_states(190, 190);
+}
+
 TEST_F(Between, calls_for_the_same_content_have_an_order) {
   run(Session::lives);
   expect_states(380, 380);
@@ -182,12 +241,17 @@ TEST_F(SharedStoreSimulation, a_put_that_others_ended_before_its_file_was_writte
   Cluster cluster;
   cluster.open_all();
   cluster.faulty = true;
-  const std::uint64_t file_is_made = 4;  // after the time, the look whether it is known, and the intent
-  cluster.act_within({Action::add, 0, 0, 0, 0}, file_is_made, {Action::list, 0, 0, 0, 1}, [&] {
+  bool taken_over = false;
+  cluster.at(0).fate.before_point = [&] {
+    if (taken_over || cluster.database.state().intents.empty()) return;
+    taken_over = true;
     cluster.at(0).catalog->cut_off();
     cluster.settle_by(1);
     EXPECT_TRUE(cluster.database.state().intents.empty()) << "taken over and ended";
-  });
+  };
+  cluster.act({Action::add, 0, 0, 0, 0});
+  cluster.at(0).fate.before_point = nullptr;
+  EXPECT_TRUE(taken_over);
   EXPECT_NE(cluster.trace.find("gave the upload up"), std::string::npos) << cluster.trace;
   cluster.at(0).catalog->come_back();
   EXPECT_EQ(cluster.disk->files(place / "geometries").size(), 0u);
@@ -197,7 +261,11 @@ TEST_F(SharedStoreSimulation, a_put_that_others_ended_before_its_file_was_writte
 TEST_F(SharedStoreSimulation, a_file_in_tmp_that_was_taken_over_stays_away_when_the_power_is_lost) {
   Cluster cluster;
   cluster.open_all();
-  cluster.at(0).fate.stops_at = cluster.at(0).fate.points() + 7;  // the file is written and synced
+  int written = 0;
+  cluster.at(0).fate.before_point = [&] {
+    for (const auto& [file, bytes] : cluster.disk->files(place / "tmp")) written += bytes > 0 ? 1 : 0;
+    if (written == 2) cluster.at(0).fate.stop();  // it is synced and not yet renamed
+  };
   cluster.act({Action::add, 0, 0, 0, 0});
   cluster.at(0).stop();
   ASSERT_EQ(cluster.disk->files(place / "tmp").size(), 1u);
@@ -234,8 +302,9 @@ TEST_F(SharedStoreSimulation, calls_that_fail_are_done_or_not_and_leave_a_store_
           cluster.act({Action::add, 0, 1, 0, 0});
           cluster.settle();
           cluster.expect_known_files();
-          // What the server began without hearing the answer is known to the catalog alone, and ends when the server does.
-          cluster.restart(0);
+          // An intent whose begin was not answered is known to the catalog alone, and ends when the server does. All else the
+          // server ends itself, later.
+          if (fault.loss == SimulatedServer::Loss::answer) cluster.restart(0);
           expect_clean(cluster);
         }
       }
@@ -282,7 +351,9 @@ TEST_F(SharedStoreSimulation, servers_that_start_at_once_or_are_killed_meanwhile
       try {
         cluster.at(0).open();
       } catch (const Error& error) {
-        EXPECT_EQ(error.code(), ErrorCode::unavailable) << error.what();
+        // One that has waited in vain for the claim of another one may find half a store: it has to be started again.
+        const bool half = error.code() == ErrorCode::failed_precondition && !killed;
+        EXPECT_TRUE(half || error.code() == ErrorCode::unavailable) << error.what();
       }
       ++states;
       fate.before_point = nullptr;
@@ -324,7 +395,7 @@ TEST_F(Damaged, two_servers_that_heal_the_same_leave_one_file) {
       SCOPED_TRACE(std::string(names[inner]) + " at point " + std::to_string(point));
       Cluster cluster;
       ASSERT_NO_FATAL_FAILURE(damage(cluster));
-      reached = cluster.act_within(registering_at(0), point, {inner, 1, 1, 0, 1});
+      reached = cluster.act_within(registering_at(0), {{point, {inner, 1, 1, 0, 1}}});
       ++states;
       expect_clean(cluster);
       EXPECT_EQ(cluster.disk->files(place / "damaged").size(), 1u) << "it may be all there is";
@@ -420,6 +491,36 @@ TEST_F(Damaged, a_folder_without_its_mark_is_not_the_store_and_nothing_is_lost) 
   expect_clean(cluster);
 }
 
+// ---- what is in memory ----
+
+TEST_F(SharedStoreSimulation, removals_reach_the_memory_of_all_servers_with_the_news_or_when_they_compare) {
+  using News = SimulatedDatabase::News;
+  for (const News news : {News::at_once, News::late, News::lost}) {
+    Cluster cluster;
+    cluster.open_all();
+    cluster.act({Action::add, 0, 0, 0, 0});
+    for (const unsigned server : {0u, 1u, 2u}) {
+      cluster.act({Action::prepare, 0, 0, 0, server});
+      cluster.act({Action::list, 0, 0, 0, server});
+    }
+    cluster.database.set_news(news);
+    cluster.act({Action::remove, 0, 0, 0, 2});
+    cluster.expect_contents();
+    for (auto& server : cluster.servers) {
+      const bool knows = server->memory[Intent::What::geometry].empty() && server->memory[Intent::What::setup].empty();
+      EXPECT_EQ(knows, news == News::at_once);
+    }
+    cluster.database.deliver();
+    if (news == News::lost) {
+      for (auto& server : cluster.servers) {
+        server->catalog->keep_house();  // the first time there is nothing to compare
+        server->catalog->keep_house();
+      }
+    }
+    cluster.expect_memory_of_contents();
+  }
+}
+
 // ---- a full disk ----
 
 TEST_F(SharedStoreSimulation, a_full_folder_refuses_lets_remove_and_works_again_with_room) {
@@ -466,7 +567,7 @@ TEST_F(SharedStoreSimulation, a_backup_has_what_there_was_at_one_moment) {
       ASSERT_NO_FATAL_FAILURE(cluster.expect_contents());
       const Action meanwhile{inner, inner == Action::add ? 2u : 1u, 1, 1, 1};
       const StoreContents before = cluster.contents.at(0);
-      reached = cluster.act_within({Action::back_up, 0, 0, 0, 0}, point, meanwhile);
+      reached = cluster.act_within({Action::back_up, 0, 0, 0, 0}, {{point, meanwhile}});
       ++states;
       expect_clean(cluster);
       StoreOptions options;
@@ -484,14 +585,14 @@ TEST_F(SharedStoreSimulation, a_backup_has_what_there_was_at_one_moment) {
 
 class RandomCluster : public SharedStoreSimulation {
  protected:
-  static Action random_action(std::mt19937_64& random, unsigned server) {
+  static Action random_action(std::mt19937_64& random, std::uint64_t server) {
     static constexpr Action::Kind kinds[] = {Action::add,     Action::add,    Action::add,    Action::prepare, Action::prepare,
                                              Action::release, Action::remove, Action::remove, Action::list,    Action::check};
     Action action{kinds[random() % std::size(kinds)]};
     action.mesh = static_cast<unsigned>(random() % 3);
     action.tenant = static_cast<unsigned>(random() % 2);
     action.setup = static_cast<unsigned>(random() % 2);
-    action.server = server;
+    action.server = static_cast<unsigned>(server);
     return action;
   }
 
@@ -499,10 +600,14 @@ class RandomCluster : public SharedStoreSimulation {
   static void step(Cluster& cluster, std::mt19937_64& random) {
     const auto one = static_cast<unsigned>(random() % 3), other = static_cast<unsigned>((one + 1 + random() % 2) % 3);
     Action action = random_action(random, one);
-    Action meanwhile = random_action(random, other);
-    if (random() % 2 == 0) {  // the same content
-      meanwhile.mesh = action.mesh;
-      meanwhile.tenant = action.tenant;
+    std::vector<Cluster::Meanwhile> meanwhile;
+    for (std::uint64_t point = 1 + random() % 24; meanwhile.size() < 4 && point < 26; point += random() % 12) {
+      Action next = random_action(random, (one + 1 + random() % 2) % 3);
+      if (random() % 4 != 0) {  // the same content
+        next.mesh = action.mesh;
+        next.tenant = action.tenant;
+      }
+      meanwhile.push_back({point, next});
     }
     auto& fate = cluster.at(one).fate;
     switch (random() % 9) {
@@ -511,11 +616,11 @@ class RandomCluster : public SharedStoreSimulation {
         cluster.act(action);
         break;
       case 2:
-        cluster.act_within(action, 1 + random() % 12, meanwhile);
+        cluster.act_within(action, meanwhile);
         break;
       case 3:  // killed, maybe after another server has come in between
-        fate.stops_at = fate.points() + 1 + random() % 12;
-        cluster.act_within(action, 1 + random() % 12, meanwhile);
+        fate.stops_at = fate.points() + 1 + random() % 24;
+        cluster.act_within(action, meanwhile);
         fate.stops_at = UINT64_MAX;
         break;
       case 4: {
@@ -526,7 +631,7 @@ class RandomCluster : public SharedStoreSimulation {
       }
       case 5: {
         cluster.faulty = true;
-        cluster.act_within(action, 1 + random() % 12, meanwhile, [&] {
+        cluster.act_within(action, meanwhile, [&] {
           cluster.at(one).catalog->cut_off();
           cluster.settle_by(other);
         });
@@ -540,7 +645,7 @@ class RandomCluster : public SharedStoreSimulation {
         break;
       case 7:  // killed while it ends what others have left
         cluster.trace += "\nhousekeeping";
-        if (random() % 2 == 0) fate.stops_at = fate.points() + 1 + random() % 12;
+        if (random() % 2 == 0) fate.stops_at = fate.points() + 1 + random() % 24;
         cluster.settle_by(one);
         fate.stops_at = UINT64_MAX;
         break;
@@ -549,7 +654,38 @@ class RandomCluster : public SharedStoreSimulation {
     }
     cluster.faulty = false;
   }
+
+  /// New processes for those that were killed, at once or after others have ended what they were at.
+  static void revive(Cluster& cluster, std::mt19937_64& random) {
+    for (unsigned server = 0; server < 3; ++server) {
+      if (cluster.lives(server)) continue;
+      cluster.at(server).stop();
+      if (random() % 2 == 0) cluster.settle();
+      cluster.restart(server);
+    }
+  }
 };
+
+TEST_F(RandomCluster, a_seed_does_the_same_again) {
+  for_seeds(10, [&](std::uint64_t seed) {
+    std::string traces[2];
+    std::map<std::string, std::uint64_t> files[2];
+    for (const int run : {0, 1}) {
+      std::mt19937_64 random(seed);
+      Cluster cluster;
+      cluster.open_all();
+      for (int i = 0; i < 12; ++i) {
+        step(cluster, random);
+        cluster.contents.resize(1);  // none is looked at
+        revive(cluster, random);
+      }
+      traces[run] = cluster.trace + "\nat " + std::to_string(cluster.database.state().now_ms);
+      files[run] = cluster.disk->files(place);
+    }
+    EXPECT_EQ(traces[0], traces[1]);
+    EXPECT_EQ(files[0], files[1]);
+  });
+}
 
 TEST_F(RandomCluster, whatever_happens_to_servers_nothing_is_lost_or_comes_back) {
   for_seeds(is_long() ? 8200 : 60, [&](std::uint64_t seed) {
@@ -560,12 +696,7 @@ TEST_F(RandomCluster, whatever_happens_to_servers_nothing_is_lost_or_comes_back)
       ASSERT_NO_THROW(step(cluster, random)) << cluster.trace;
       ++states;
       ASSERT_NO_FATAL_FAILURE(cluster.expect_contents());
-      for (unsigned server = 0; server < 3; ++server) {
-        if (cluster.lives(server)) continue;
-        cluster.at(server).stop();
-        if (random() % 2 == 0) cluster.settle();
-        cluster.restart(server);
-      }
+      revive(cluster, random);
       ASSERT_FALSE(HasFailure()) << cluster.trace;
     }
     for (unsigned server = 0; server < 3; ++server) cluster.restart(server);

@@ -34,7 +34,7 @@ struct Answer {
   bool existed = false;  ///< what was registered or released
 };
 
-/// What may be there after a call that was answered so, by what may have been there before.
+/// The contents that may be there after a call that was answered so, by those that may have been there before.
 inline std::vector<StoreContents> results(const std::vector<StoreContents>& from, const Action& action, const Answer& answer) {
   std::vector<StoreContents> to;
   for (const auto& contents : from) {
@@ -102,12 +102,14 @@ class Server {
         case Action::remove:
           store->remove(id, WithSetups::remove);
           break;
-        case Action::list:
-          store->list(id.tenant, {});
+        case Action::list: {
+          const auto reply = store->list(id.tenant, {});
+          for (const auto& info : reply.geometries()) EXPECT_EQ(info.damage(), "");
           store->state();
           EXPECT_EQ(store->load(id).points, mesh_of(action.mesh).points);
           memory[Intent::What::geometry].insert(id);
           break;
+        }
         case Action::check: {
           const StoreReport report = store->check({}, [](const GeometryRecord&) { return nullptr; });
           EXPECT_EQ(report.outcome, StoreReport::Outcome::well) << testing::PrintToString(report.lines);
@@ -188,27 +190,35 @@ class Cluster {
     const Answer answer = attempt(action);
     contents = results(contents, action, answer);
   }
-  /// Another server does `inner` before a point of `outer`; whether there was such a point.
+  /// A call of another server before a point of an action, counted from its first one.
+  struct Meanwhile {
+    std::uint64_t point = 1;
+    Action action;
+  };
+  /// Whether there were all those points. `first`: before the first of them.
   bool act_within(
-      const Action& outer, std::uint64_t point, const Action& inner, const std::function<void()>& first = [] {}) {
-    std::optional<Answer> inside;
-    std::uint64_t left = point;
+      const Action& outer, const std::vector<Meanwhile>& others, const std::function<void()>& first = [] {}) {
+    std::vector<Answer> inside;
+    std::uint64_t point = 0;
     at(outer.server).fate.before_point = [&] {
-      if (left == 0 || --left > 0) return;
-      first();
-      trace += "\n  meanwhile:";
-      inside = attempt(inner);
+      ++point;
+      while (inside.size() < others.size() && others[inside.size()].point <= point) {
+        if (inside.empty()) first();
+        trace += "\n  meanwhile:";
+        inside.push_back(attempt(others[inside.size()].action));
+      }
     };
     const Answer outside = attempt(outer);
     at(outer.server).fate.before_point = nullptr;
-    if (!inside) {
-      contents = results(contents, outer, outside);
-      return false;
+    // It took effect before, between or after theirs.
+    std::vector<StoreContents> before = std::exchange(contents, {});
+    for (std::size_t i = 0; i <= inside.size(); ++i) {
+      auto after = results(before, outer, outside);
+      for (std::size_t j = i; j < inside.size(); ++j) after = results(after, others[j].action, inside[j]);
+      contents.insert(contents.end(), after.begin(), after.end());
+      if (i < inside.size()) before = results(before, others[i].action, inside[i]);
     }
-    const auto inner_first = results(results(contents, inner, *inside), outer, outside);
-    contents = results(results(contents, outer, outside), inner, *inside);
-    contents.insert(contents.end(), inner_first.begin(), inner_first.end());
-    return true;
+    return inside.size() == others.size();
   }
 
   /// All live servers agree on one of the contents that may be there.

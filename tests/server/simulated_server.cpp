@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "tests/server/simulated_server.h"
 
-#include <fcntl.h>
-
 #include <cerrno>
 
 namespace deform::server {
@@ -14,37 +12,35 @@ bool SimulatedServer::reaches_point() {
   return !stopped_;
 }
 
-bool ServerFiles::fails(bool changing) {
-  const bool alive = changing ? server_.reaches_point() : !server_.stopped();
-  if (!alive) errno = EIO;
-  return !alive;
+bool ServerFiles::fails() {
+  if (server_.reaches_point()) return false;
+  errno = EIO;
+  return true;
 }
 
-int ServerFiles::open(const Path& path, int flags) {
-  return fails((flags & (O_CREAT | O_TRUNC)) != 0) ? -1 : disk_.open(path, flags);
-}
+int ServerFiles::open(const Path& path, int flags) { return fails() ? -1 : disk_.open(path, flags); }
 ssize_t ServerFiles::write(int descriptor, const void* data, std::size_t size) {
-  return fails(true) ? -1 : disk_.write(descriptor, data, size);
+  return fails() ? -1 : disk_.write(descriptor, data, size);
 }
 ssize_t ServerFiles::read(int descriptor, void* data, std::size_t size) {
-  return fails(false) ? -1 : disk_.read(descriptor, data, size);
+  return fails() ? -1 : disk_.read(descriptor, data, size);
 }
-int ServerFiles::sync(int descriptor) { return fails(true) ? -1 : disk_.sync(descriptor); }
-int ServerFiles::sync_all(int descriptor) { return fails(true) ? -1 : disk_.sync_all(descriptor); }
-int ServerFiles::allocate(int descriptor, std::uint64_t size) { return fails(true) ? -1 : disk_.allocate(descriptor, size); }
-int ServerFiles::truncate(int descriptor, std::uint64_t size) { return fails(true) ? -1 : disk_.truncate(descriptor, size); }
-int ServerFiles::lock(int descriptor) { return fails(false) ? -1 : disk_.lock(descriptor); }
-int ServerFiles::lock_shared(int descriptor) { return fails(false) ? -1 : disk_.lock_shared(descriptor); }
-int ServerFiles::rename(const Path& from, const Path& to) { return fails(true) ? -1 : disk_.rename(from, to); }
-int ServerFiles::link(const Path& file, const Path& name) { return fails(true) ? -1 : disk_.link(file, name); }
-int ServerFiles::remove(const Path& path) { return fails(true) ? -1 : disk_.remove(path); }
-int ServerFiles::make_directory(const Path& path) { return fails(true) ? -1 : disk_.make_directory(path); }
-int ServerFiles::close_to_others(const Path& path) { return fails(false) ? -1 : disk_.close_to_others(path); }
+int ServerFiles::sync(int descriptor) { return fails() ? -1 : disk_.sync(descriptor); }
+int ServerFiles::sync_all(int descriptor) { return fails() ? -1 : disk_.sync_all(descriptor); }
+int ServerFiles::allocate(int descriptor, std::uint64_t size) { return fails() ? -1 : disk_.allocate(descriptor, size); }
+int ServerFiles::truncate(int descriptor, std::uint64_t size) { return fails() ? -1 : disk_.truncate(descriptor, size); }
+int ServerFiles::lock(int descriptor) { return fails() ? -1 : disk_.lock(descriptor); }
+int ServerFiles::lock_shared(int descriptor) { return fails() ? -1 : disk_.lock_shared(descriptor); }
+int ServerFiles::rename(const Path& from, const Path& to) { return fails() ? -1 : disk_.rename(from, to); }
+int ServerFiles::link(const Path& file, const Path& name) { return fails() ? -1 : disk_.link(file, name); }
+int ServerFiles::remove(const Path& path) { return fails() ? -1 : disk_.remove(path); }
+int ServerFiles::make_directory(const Path& path) { return fails() ? -1 : disk_.make_directory(path); }
+int ServerFiles::close_to_others(const Path& path) { return fails() ? -1 : disk_.close_to_others(path); }
 int ServerFiles::status(const Path& path, Links links, struct stat& status) {
-  return fails(false) ? -1 : disk_.status(path, links, status);
+  return fails() ? -1 : disk_.status(path, links, status);
 }
 int ServerFiles::list(const Path& directory, std::vector<std::string>& names) {
-  return fails(false) ? -1 : disk_.list(directory, names);
+  return fails() ? -1 : disk_.list(directory, names);
 }
 
 }  // namespace deform::server

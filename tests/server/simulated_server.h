@@ -11,8 +11,8 @@
 
 namespace deform::server {
 
-/// One of several servers on a disk and a database that go on without it. A point is a change to a file or folder and any call of
-/// the catalog: whatever others can see of this server. Thread-safe, while nobody changes what it is to do.
+/// One of several servers on a disk and a database that go on without it. A point is any call of its file system and of the
+/// catalog: where it sees what others do, and they what it does. Thread-safe, while nobody changes what it is to do.
 class SimulatedServer {
  public:
   enum class Loss {
@@ -29,7 +29,7 @@ class SimulatedServer {
 
   /// Called before each point; what others do there, they do between two steps of this server.
   std::function<void()> before_point;
-  /// What becomes of a call of the catalog.
+  /// The fate of each call of the catalog; empty: none is lost.
   std::function<Loss()> catalog_fault;
 
   /// Whether the point is reached alive.
@@ -69,7 +69,7 @@ class ServerFiles : public FileSystem {
 
  private:
   /// Counts; errno is set when the server has stopped. What the disk refuses, it refuses to all.
-  bool fails(bool changing);
+  bool fails();
 
   FileSystem& disk_;
   SimulatedServer& server_;

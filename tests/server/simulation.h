@@ -48,9 +48,9 @@ inline std::string name_of(const Action& action) {
   return "mesh " + std::to_string(action.mesh) + " of " + id_of(action).tenant + " at " + std::to_string(action.server);
 }
 
-/// What may be damaged.
+/// The damage that is allowed.
 enum class Damage { none, of_what_need_not_be };
-/// What differs between a store and what must (and may) be in it; empty: nothing.
+/// The first difference between a store and the contents that must (and may) be in it; empty: none.
 inline std::string difference(Store& store, const StoreContents& must, const StoreContents& may, Damage damage = Damage::none) {
   const auto found = store.catalog().all_geometries();
   const auto found_setups = store.catalog().all_setups();
@@ -101,7 +101,7 @@ inline std::string difference(Store& store, const StoreContents& must, const Sto
   return {};
 }
 
-/// What is there, of all that may be.
+/// The contents of a store, of all that may be there.
 inline StoreContents visible(Store& store, const StoreContents& may) {
   StoreContents seen;
   for (const auto& id : store.catalog().all_geometries()) {
@@ -131,7 +131,7 @@ inline StoreContents common(const StoreContents& a, const StoreContents& b) {
   return both;
 }
 
-/// What there is when an action is done; the times of what is new are not known.
+/// The contents after an action; the times of new ones are not known.
 inline StoreContents contents_after(StoreContents contents, const Action& action) {
   const OwnedId id = id_of(action);
   switch (action.kind) {
