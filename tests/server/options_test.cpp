@@ -237,7 +237,8 @@ TEST(Bytes, AreReadWithUnits) {
   EXPECT_EQ(parse_bytes("512m"), std::size_t{512} << 20);
   EXPECT_EQ(parse_bytes("2K"), 2048u);
   EXPECT_EQ(parse_bytes("1T"), std::size_t{1} << 40);
-  for (const char* bad : {"", "GiB", "-1", "4gib", "4 G iB", "1e3", "1..5", "0x10", "1.5", "0.5B", "9999999999TiB", "nan", "inf"}) {
+  for (const char* bad :
+       {"", "GiB", "-1", "4gib", "4 G iB", "1e3", "1..5", "0x10", "1.5", "0.5B", "9999999999TiB", "nan", "inf"}) {
     EXPECT_THROW(parse_bytes(bad), Error) << bad;
   }
 }

@@ -34,8 +34,8 @@ std::string store_text(const v1::ServerInfo& info) {
 }
 
 void print_status(const v1::ServerInfo& info, const std::string& server) {
-  std::cout << "deformd " << info.version() << " at " << server << ", " << (info.draining() ? "DRAINING" : "serving") << ", up for "
-            << duration_text(static_cast<double>(info.uptime_ms()) * 1e-3) << '\n'
+  std::cout << "deformd " << info.version() << " at " << server << ", " << (info.draining() ? "DRAINING" : "serving")
+            << ", up for " << duration_text(static_cast<double>(info.uptime_ms()) * 1e-3) << '\n'
             << "  work: " << info.running() << " running on " << info.workers() << " workers, " << info.queue_length()
             << " waiting (limit " << info.queue_limit() << "), " << info.designs_served() << " designs served\n"
             << "  memory: " << bytes_text(info.memory_in_use()) << " in use of " << bytes_text(info.memory_budget())

@@ -530,7 +530,7 @@ TEST(Cage, ReportsABrokenCageOnce) {
   Problems problems(Problems::Mode::collect);
   find_problems(test::bumpy_sheet(11, 6), setup, problems);
   ASSERT_EQ(problems.list().size(), 1u);
-  EXPECT_EQ(problems.list()[0].field, "method");
+  EXPECT_EQ(problems.list()[0].field, "method.cage");
 }
 
 TEST(Cage, MotionsAreNotSplit) {

@@ -440,7 +440,7 @@ TEST(FfdByControls, ReportsABrokenLatticeOnce) {
   Problems problems(Problems::Mode::collect);
   find_problems(test::bumpy_sheet(11, 6), setup, problems);
   ASSERT_EQ(problems.list().size(), 1u);
-  EXPECT_EQ(problems.list()[0].field, "method");
+  EXPECT_EQ(problems.list()[0].field, "method.ffd.lattice.points[1]");
 }
 
 TEST(FfdByControls, AFoldedLatticeIsRefusedWithThePoint) {
