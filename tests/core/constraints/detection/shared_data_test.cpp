@@ -4,6 +4,7 @@
 
 #include <chrono>
 #include <cstdio>
+#include <cstdlib>
 #include <filesystem>
 #include <numeric>
 #include <random>
@@ -319,6 +320,7 @@ TEST(SharedModels, WhateverIsFoundIsLegalAndNoDust) {
     const std::string name = entry.path().filename().string();
     if (name.find(".off") == name.npos && name.find(".obj") == name.npos && name.find(".stl") == name.npos) continue;
     const Mesh mesh = *io::read_mesh_file(entry.path())->mesh();
+    if (mesh.face_count() > 30'000 && std::getenv("DEFORM_LONG") == nullptr) continue;
     for (const double level : {0.0, 1e-4}) {
       if (level > 0 && mesh.face_count() > 30000) continue;  // the large ones: FreeFormPanelsAreNoCylinders
       SCOPED_TRACE(name + " with noise " + std::to_string(level));
