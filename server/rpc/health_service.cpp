@@ -13,6 +13,7 @@
 #include "core/base/error.h"
 #include "grpc/health/v1/health.grpc.pb.h"
 #include "proto/convert/base/error.h"
+#include "server/rpc/service_messages.h"
 #include "server/rpc/status.h"
 
 namespace deform::server {
@@ -24,15 +25,32 @@ using ServingStatus = health::HealthCheckResponse::ServingStatus;
 
 constexpr std::size_t longest_service_name = 200;
 
-std::optional<Error> refused_name(const std::string& service) {
-  if (service.size() <= longest_service_name) return std::nullopt;
-  return Error(ErrorCode::invalid_argument, "service: has " + std::to_string(service.size()) + " bytes, at most " +
-                                                std::to_string(longest_service_name) + " are allowed");
+/// Bytes, as the service has them: the reasons are in service_messages.h. And a call that is reset before its request has come is
+/// seen, too.
+using HealthRpc = health::Health;
+using RawHealth = HealthRpc::WithRawCallbackMethod_Check<HealthRpc::WithRawCallbackMethod_Watch<HealthRpc::Service>>;
+using Context = grpc::CallbackServerContext;
+using Bytes = grpc::ByteBuffer;
+
+/// Throws Error(invalid_argument) for bytes that are no request and for names that are too long.
+std::string service_of(const Bytes& bytes) {
+  health::HealthCheckRequest request;
+  parse(bytes, request);
+  const std::string& service = request.service();
+  if (service.size() <= longest_service_name) return service;
+  throw Error(ErrorCode::invalid_argument, "service: has " + std::to_string(service.size()) + " bytes, at most " +
+                                               std::to_string(longest_service_name) + " are allowed");
+}
+
+Bytes health_reply(ServingStatus status) {
+  health::HealthCheckResponse reply;
+  reply.set_status(status);
+  return serialized(reply);
 }
 
 }  // namespace
 
-class HealthService::Methods final : public health::Health::CallbackService {
+class HealthService::Methods final : public RawHealth {
  public:
   Methods(LiveCalls& live, FloodGuard& floods, const TrustedProxies& proxies) : live_(live), floods_(floods), proxies_(proxies) {}
 
@@ -52,10 +70,8 @@ class HealthService::Methods final : public health::Health::CallbackService {
     wake_watches();
   }
 
-  grpc::ServerUnaryReactor* Check(grpc::CallbackServerContext* context, const health::HealthCheckRequest* request,
-                                  health::HealthCheckResponse* reply) override;
-  grpc::ServerWriteReactor<health::HealthCheckResponse>* Watch(grpc::CallbackServerContext* context,
-                                                               const health::HealthCheckRequest* request) override;
+  grpc::ServerUnaryReactor* Check(Context* context, const Bytes* request, Bytes* reply) override;
+  grpc::ServerWriteReactor<Bytes>* Watch(Context* context, const Bytes* request) override;
 
  private:
   class CheckCall;
@@ -87,7 +103,7 @@ class HealthService::Methods final : public health::Health::CallbackService {
 
 class HealthService::Methods::CheckCall final : public grpc::ServerUnaryReactor {
  public:
-  CheckCall(Methods& methods, grpc::CallbackServerContext* context) : methods_(methods), context_(context) {}
+  CheckCall(Methods& methods, Context* context) : methods_(methods), context_(context) {}
 
  private:
   void OnDone() override {
@@ -96,45 +112,39 @@ class HealthService::Methods::CheckCall final : public grpc::ServerUnaryReactor 
   }
 
   Methods& methods_;
-  grpc::CallbackServerContext* const context_;
+  Context* const context_;
 };
 
-grpc::ServerUnaryReactor* HealthService::Methods::Check(grpc::CallbackServerContext* context,
-                                                        const health::HealthCheckRequest* request,
-                                                        health::HealthCheckResponse* reply) {
+grpc::ServerUnaryReactor* HealthService::Methods::Check(Context* context, const Bytes* request, Bytes* reply) {
   auto* call = new CheckCall(*this, context);
-  const ServingStatus status = state(request->service()).status;
-  if (const auto refused = refused_name(request->service())) {
-    call->Finish(to_status(*refused));
-  } else if (status == health::HealthCheckResponse::SERVICE_UNKNOWN) {
-    call->Finish(to_status(Error(ErrorCode::not_found, "this server has no service of that name")));
-  } else {
-    reply->set_status(status);
-    call->Finish(grpc::Status::OK);
-  }
+  const auto refused = caught([&] {
+    const ServingStatus status = state(service_of(*request)).status;
+    if (status == health::HealthCheckResponse::SERVICE_UNKNOWN) {
+      throw Error(ErrorCode::not_found, "this server has no service of that name");
+    }
+    *reply = health_reply(status);
+  });
+  call->Finish(refused ? to_status(*refused) : grpc::Status::OK);
   return call;
 }
 
 // ---- Watch ----
 
 /// Owns itself from launch() to OnDone. What changes while a status is written is looked at afterwards.
-class HealthService::Methods::WatchCall final : public grpc::ServerWriteReactor<health::HealthCheckResponse>,
+class HealthService::Methods::WatchCall final : public grpc::ServerWriteReactor<Bytes>,
                                                 public std::enable_shared_from_this<WatchCall> {
  public:
-  WatchCall(Methods& methods, grpc::CallbackServerContext* context, std::string service)
-      : methods_(methods), context_(context), service_(std::move(service)), client_(methods.proxies_.host_of(*context)) {
+  WatchCall(Methods& methods, Context* context)
+      : methods_(methods), context_(context), client_(methods.proxies_.host_of(*context)) {
     methods_.live_.enter(client_, LiveCalls::Stop::cuts_off);
   }
 
-  static WatchCall* launch(const std::shared_ptr<WatchCall>& call, std::optional<Error> refused) {
+  static WatchCall* launch(const std::shared_ptr<WatchCall>& call, const Bytes& request) {
     call->self_ = call;
-    if (!refused) {
-      try {
-        call->methods_.live_.check(call->client_);
-      } catch (const Error& error) {
-        refused = error;
-      }
-    }
+    const auto refused = caught([&] {
+      call->service_ = service_of(request);
+      call->methods_.live_.check(call->client_);
+    });
     if (refused) {
       call->finish(*refused);
     } else {
@@ -169,8 +179,9 @@ class HealthService::Methods::WatchCall final : public grpc::ServerWriteReactor<
       }
       if (turn_ == Turn::finished) return Finish(grpc::Status::CANCELLED);
       const State now = methods_.state(service_);
-      if (reply_.status() != now.status) {
-        reply_.set_status(now.status);
+      if (sent_ != now.status) {
+        sent_ = now.status;
+        reply_ = health_reply(now.status);
         {
           const std::lock_guard lock(mutex_);
           turn_ = Turn::writing;
@@ -225,26 +236,25 @@ class HealthService::Methods::WatchCall final : public grpc::ServerWriteReactor<
   }
 
   Methods& methods_;
-  grpc::CallbackServerContext* const context_;
-  const std::string service_;
+  Context* const context_;
+  std::string service_;
   const std::string client_;
   std::shared_ptr<WatchCall> self_;
-  health::HealthCheckResponse reply_;  ///< what was sent last
+  std::optional<ServingStatus> sent_;  ///< last
+  Bytes reply_;
   std::mutex mutex_;
   // under mutex_
   Turn turn_ = Turn::working;
   bool woken_ = false, cancelled_ = false;
 };
 
-grpc::ServerWriteReactor<health::HealthCheckResponse>* HealthService::Methods::Watch(grpc::CallbackServerContext* context,
-                                                                                     const health::HealthCheckRequest* request) {
-  auto refused = refused_name(request->service());
-  const auto call = std::make_shared<WatchCall>(*this, context, refused ? std::string() : request->service());
+grpc::ServerWriteReactor<Bytes>* HealthService::Methods::Watch(Context* context, const Bytes* request) {
+  const auto call = std::make_shared<WatchCall>(*this, context);
   {
     const std::lock_guard lock(mutex_);
     watches_.emplace(call.get(), call);
   }
-  return WatchCall::launch(call, std::move(refused));
+  return WatchCall::launch(call, *request);
 }
 
 void HealthService::Methods::wake_watches() {

@@ -652,6 +652,13 @@ class Frames(Attack):
         self.assertIn("it begins calls and resets them", self.server.log_text())
         self.assertEqual(self.figure("deformd_connections_cut_off_total"), 1)
 
+    def test_calls_of_health_opened_and_reset(self):
+        for closed_before, method in ((0, "Check"), (3, "Watch")):
+            self.flood(lambda connection: http2.resets(connection, "grpc.health.v1.Health/" + method, 500), connections=3, seconds=4,
+                       most=30_000 * 150)
+            closed = re.findall(r"connections: (\S+) is closed: it begins calls and resets them", self.server.log_text())
+            self.assertGreater(len(set(closed)), closed_before, method)
+
     def test_calls_of_no_method_opened_and_reset(self):
         self.flood(lambda connection: http2.resets(connection, "NoSuchMethod", 500), connections=3, seconds=4, most=30_000 * 150)
 

@@ -78,7 +78,7 @@ class Admin(EndToEnd):
         self.assertEqual(ready()[0], 200)
         self.assertRegex(self.deform("admin", "drain").out, r"^draining: new work is refused, 1 calls are under way")
         self.assertEqual(ready(), (503, "[-] accepting: draining: its operator sends clients elsewhere\n[+] store\n[+] memory\n"))
-        self.assertIn("DRAINING", self.deform("status", expect=3).out)
+        self.assertIn(", DRAINING, up for ", self.deform("status", expect=3).out)
         self.fails(3, "apply", "setup.yaml", "--set", "roof_up=0.02", "-o", "none.obj", says=["the server is being drained"])
         both = ["--server", f"{first.address},{second.address}"]
         for k in range(3):

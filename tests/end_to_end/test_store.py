@@ -65,6 +65,17 @@ class Store(EndToEnd):
         self.apply(system)
         self.assertIn("from their files", self.server.log_text())
 
+    def test_a_lost_mark_names_the_command_that_writes_it_anew(self):
+        self.start_server()
+        system = self.prepared()
+        self.server.kill()
+        os.remove(self.path("data/deformd-store"))
+        refused = self.command("check", expect=1)
+        self.assertIn("deformd store rebuild", refused.stdout + refused.stderr)
+        self.command("rebuild")
+        self.server.start()
+        self.apply(system)
+
     def test_a_damaged_geometry_is_mended_by_registering_it_again(self):
         self.start_server()
         system = self.prepared()

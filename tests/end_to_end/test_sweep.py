@@ -246,6 +246,13 @@ f,0.03,0.05
             self.assertEqual(self.recorded(output).failed, {})
         self.assertEqual(self.members("results.tar"), self.contents("results"))
 
+    def test_no_more_designs_at_once_than_the_server_takes(self):
+        self.server.stop()
+        self.start_server("--max-designs", "3")
+        self.write("designs.csv", table([(f"d{k}", (0.001 * k, 0)) for k in range(8)]))
+        self.assertEqual(self.sweep("designs.csv", "results")["written"], 8)
+        self.fails(1, *self.command("designs.csv", "others", "--batch", "4", "--no-keep-going"), says=["limit of 3"])
+
     def test_without_keep_going_nothing_is_computed(self):
         self.write("designs.csv", self.ROWS)
         self.fails(1, *self.command("designs.csv", "results", "--no-keep-going"),
