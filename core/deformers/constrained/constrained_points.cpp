@@ -159,7 +159,7 @@ void ConstrainedPoints::make_dense(const FunctionRows& values, const DeliveredRo
   alone_.resize(static_cast<std::int64_t>(delivered.points()), values.cols());
   alone_.setFromTriplets(entries.begin(), entries.end());
   entries.clear();
-  Eigen::MatrixXd V = all_.size() > 0 ? Eigen::MatrixXd(all_ * energy_.basis()) : delivered.values(values, &energy_);
+  Eigen::MatrixXd V = all_.size() > 0 ? dense_product(all_, energy_.basis()) : delivered.values(values, &energy_);
   for_each_row([&](std::int64_t row, const ConstraintSet& set, std::span<const StretchedColumn::Entry> of) {
     for (const auto& [point, factor] : of) {
       const std::size_t u = delivered.row_of(set, set.ids[point]);
@@ -218,7 +218,7 @@ std::vector<Vec3> ConstrainedPoints::displacements(const Eigen::MatrixXd& v) con
 }
 
 std::vector<Vec3> ConstrainedPoints::displacements_of_all(const Eigen::MatrixXd& w) const {
-  return all_.size() > 0 ? dense_->spread_out(all_ * w) : displacements(energy_.restricted(w));
+  return all_.size() > 0 ? dense_->spread_out(dense_product(all_, w)) : displacements(energy_.restricted(w));
 }
 
 double ConstrainedPoints::reach(const Eigen::MatrixXd& v) const {

@@ -1,16 +1,58 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/deformers/constrained/dense_rows.h"
 
+#include <algorithm>
+
 #include "core/numerics/dense/lapack.h"
 
 namespace deform {
+namespace {
+
+/// The product with a matrix of so few columns reads A as often as that, some columns at a time, which stay in the cache: products
+/// of matrices copy A first, which takes longer than all else then.
+constexpr Eigen::Index few_columns = 4, columns_at_once = 32;
+
+/// Calls part(first, count) for each of `columns` columns of A together with its neighbours.
+template <typename Part>
+void in_parts(Eigen::Index columns, const Part& part) {
+  for (Eigen::Index first = 0; first < columns; first += columns_at_once) part(first, std::min(columns_at_once, columns - first));
+}
+
+}  // namespace
+
+Eigen::MatrixXd dense_product(const Eigen::MatrixXd& A, const Eigen::MatrixXd& B) {
+  Eigen::MatrixXd result = Eigen::MatrixXd::Zero(A.rows(), B.cols());
+  if (A.cols() == 0 || result.size() == 0) return result;
+  lapack::use_one_thread();
+  const auto m = static_cast<int>(A.rows()), n = static_cast<int>(B.cols()), k = static_cast<int>(A.cols());
+  if (n > few_columns) {
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, m, n, k, 1.0, A.data(), m, B.data(), k, 0.0, result.data(), m);
+    return result;
+  }
+  in_parts(k, [&](Eigen::Index first, Eigen::Index count) {
+    for (Eigen::Index j = 0; j < n; ++j) {
+      cblas_dgemv(CblasColMajor, CblasNoTrans, m, static_cast<int>(count), 1.0, A.col(first).data(), m, &B(first, j), 1, 1.0,
+                  result.col(j).data(), 1);
+    }
+  });
+  return result;
+}
 
 Eigen::MatrixXd transposed_product(const Eigen::MatrixXd& A, const Eigen::MatrixXd& B) {
   Eigen::MatrixXd result = Eigen::MatrixXd::Zero(A.cols(), B.cols());
   if (A.rows() == 0 || result.size() == 0) return result;
   lapack::use_one_thread();
   const auto m = static_cast<int>(A.cols()), n = static_cast<int>(B.cols()), k = static_cast<int>(A.rows());
-  cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, m, n, k, 1.0, A.data(), k, B.data(), k, 0.0, result.data(), m);
+  if (n > few_columns) {
+    cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, m, n, k, 1.0, A.data(), k, B.data(), k, 0.0, result.data(), m);
+    return result;
+  }
+  in_parts(m, [&](Eigen::Index first, Eigen::Index count) {
+    for (Eigen::Index j = 0; j < n; ++j) {
+      cblas_dgemv(CblasColMajor, CblasTrans, k, static_cast<int>(count), 1.0, A.col(first).data(), k, B.col(j).data(), 1, 0.0,
+                  &result(first, j), 1);
+    }
+  });
   return result;
 }
 

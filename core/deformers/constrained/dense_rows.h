@@ -11,6 +11,11 @@
 
 namespace deform {
 
+/// A B, by BLAS on one core.
+Eigen::MatrixXd dense_product(const Eigen::MatrixXd& A, const Eigen::MatrixXd& B);
+/// A^T B, by BLAS on one core.
+Eigen::MatrixXd transposed_product(const Eigen::MatrixXd& A, const Eigen::MatrixXd& B);
+
 /// An N x r matrix Phi = P V of which nearly all entries are nonzero: P (N x u) is sparse, V (u x r) is stored. Immutable; any
 /// thread.
 class DenseRows {
@@ -22,7 +27,7 @@ class DenseRows {
   std::size_t bytes() const;
 
   /// Phi v (N) for v of size r x 3.
-  std::vector<Vec3> times(const Eigen::MatrixXd& v) const { return spread_out(values_ * v); }
+  std::vector<Vec3> times(const Eigen::MatrixXd& v) const { return spread_out(dense_product(values_, v)); }
   /// P x (N) for x of size u x 3.
   std::vector<Vec3> spread_out(const Eigen::MatrixXd& x) const;
   /// Phi^T y, r x 3.
@@ -34,8 +39,5 @@ class DenseRows {
   Eigen::MatrixXd values_;
   SparseRows spread_;
 };
-
-/// A^T B, by BLAS on one core.
-Eigen::MatrixXd transposed_product(const Eigen::MatrixXd& A, const Eigen::MatrixXd& B);
 
 }  // namespace deform

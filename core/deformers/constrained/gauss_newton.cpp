@@ -336,9 +336,11 @@ void GaussNewton::Matrix::make_forces(const RunContext& context) {
 }
 
 Eigen::VectorXd GaussNewton::Matrix::inverse_full(Eigen::VectorXd b) const {
-  const auto L = full_.triangularView<Eigen::Lower>();
-  L.solveInPlace(b);
-  L.transpose().solveInPlace(b);
+  lapack::use_one_thread();
+  const auto n = static_cast<int>(full_.rows());
+  for (const CBLAS_TRANSPOSE side : {CblasNoTrans, CblasTrans}) {
+    cblas_dtrsv(CblasColMajor, CblasLower, side, CblasNonUnit, n, full_.data(), n, b.data(), 1);
+  }
   return b;
 }
 

@@ -160,7 +160,7 @@ void ReducedEnergy::solve_in_place(Eigen::Ref<Eigen::MatrixXd> b) const {
 
 Eigen::MatrixXd ReducedEnergy::spread(const Eigen::MatrixXd& v) const {
   if (!dense_) return v;
-  if (basis_.size() > 0) return basis_ * v;
+  if (basis_.size() > 0) return dense_product(basis_, v);
   Eigen::MatrixXd result = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(solver_.unknowns()), v.cols());
   for (std::size_t i = 0; i < size(); ++i) result.row(functions_[i]) = v.row(static_cast<Eigen::Index>(i));
   return result;
