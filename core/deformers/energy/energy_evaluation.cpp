@@ -100,7 +100,9 @@ void EnergyEvaluation::solve_constrained(std::size_t design, WarmStart* warm, co
   double left = 0;
   for (const Eigen::MatrixXd& w : result.left) left += system_.largest_displacement(w * D, context);
   const double missed = system_.hard_handles() ? report.interpolation_residual : 0;
-  set_error(design, convergence_margin * left + system_.linear_error_ * report.prescribed_displacement + missed);
+  // Constraints may move points much farther than any handle.
+  const double motion = std::max(report.prescribed_displacement, system_.largest_displacement(result.w * D, context));
+  set_error(design, convergence_margin * left + system_.linear_error_ * motion + missed);
   measure_constraints(design, result, context);
 }
 
