@@ -31,6 +31,7 @@ class Materials(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
         cls.temporary = tempfile.TemporaryDirectory(prefix="deform-materials-")
+        cls.installed = {}
 
     @classmethod
     def tearDownClass(cls):
@@ -38,6 +39,8 @@ class Materials(unittest.TestCase):
 
     def install(self, folder, component):
         prefix = os.path.join(self.temporary.name, folder)
+        if self.installed.setdefault(folder, component) == component and os.path.isdir(prefix):
+            return prefix
         output(CMAKE, "--install", BUILD, "--prefix", prefix, "--component", component, "--strip", SOURCE_DATE_EPOCH="1700000000")
         return prefix
 
@@ -90,7 +93,7 @@ class Materials(unittest.TestCase):
         self.assertNotIn("libsqlite3-dev", json.dumps(self.document(os.path.join(self.temporary.name, "deform"), "deform")))
 
     def test_the_same_program_gives_the_same_file(self):
-        first, second = (self.document(self.install(folder, "server"), "deformd") for folder in ("once", "twice"))
+        first, second = (self.document(self.install(folder, "server"), "deformd") for folder in ("deformd", "again"))
         self.assertEqual(first, second)
 
 

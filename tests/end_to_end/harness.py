@@ -17,6 +17,12 @@ import unittest
 DEFORM = os.environ["DEFORM_BIN"]
 DEFORMD = os.environ["DEFORMD_BIN"]
 SHARED_DATA = os.environ.get("DEFORM_SHARED_DATA", "")
+LONG = bool(os.environ.get("DEFORM_LONG"))
+
+
+def long_test(test):
+    """One of those that are too long for every day: with DEFORM_LONG=1, as every night."""
+    return test if LONG else None
 
 
 class Server:

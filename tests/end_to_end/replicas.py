@@ -10,15 +10,14 @@ import sys
 import tempfile
 import time
 
-from harness import AHMED_SETUP, EndToEnd, Server, read_bytes
+from harness import AHMED_SETUP, LONG, EndToEnd, Server, read_bytes
 
 SOURCE = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 sys.path.insert(0, os.path.join(SOURCE, "tests", "support"))
 import postgres  # noqa: E402
 
-LONG = bool(os.environ.get("DEFORM_LONG"))
 CLIENTS = 8 if LONG else 4
-DESIGNS = 1000 if LONG else 500  # of each
+DESIGNS = 1000 if LONG else 200  # of each
 
 
 def free_port():

@@ -41,7 +41,7 @@ class Load(EndToEnd):
         setups = self.write_setups(5)
         sizes = [self.deform("prepare", setup, "--json").json["bytes"] for setup in setups]
         self.assertGreater(sum(sizes), 3 << 20)
-        children = [self.spawn("bench", setup, "--designs", 40, "--json") for setup in setups]
+        children = [self.spawn("bench", setup, "--designs", 15, "--json") for setup in setups]
         for child in children:
             self.assertEqual(child.wait(600), 0, child.communicate()[1])
         status = self.status()

@@ -7,7 +7,7 @@ import math
 import os
 import shutil
 
-from harness import EndToEnd, main
+from harness import EndToEnd, long_test, main
 
 EXAMPLES = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "deploy", "examples")
 HINGE = (0.843, 0.338)  # x, z of the axis that the slant turns about
@@ -84,6 +84,7 @@ class ReadmeExample(EndToEnd):
     def test_nothing_folds_at_10000_points(self):
         self.sweep_corners(10000)
 
+    @long_test
     def test_nothing_folds_at_50000_points(self):
         self.sweep_corners(50000)
 

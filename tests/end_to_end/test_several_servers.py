@@ -26,10 +26,10 @@ class SeveralServers(Replicas):
         status = self.deform("status", "--json").json["servers"]
         self.assertEqual([one["address"] for one in status], [server.address for server in self.servers])
         self.servers[1].kill()
-        down = self.deform("status", "--json", expect=3).json["servers"]
+        down = self.deform("status", "--json", "--timeout", 3, expect=3).json["servers"]
         self.assertEqual(["error" in one for one in down], [False, True, False])
         self.assertIn(self.servers[1].address, down[1]["error"]["message"])
-        self.fails(3, "list", says=[self.servers[1].address])
+        self.fails(3, "list", "--timeout", 3, says=[self.servers[1].address])
 
     def test_nothing_is_lost_while_servers_are_killed(self):
         self.check_killing()

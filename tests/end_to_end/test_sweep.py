@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Sweeps on a bad day: kill -9 of client and server at random points, a full disk, bad rows, files of others. No finished design is
-lost, none is computed twice, and the manifest is true. DEFORM_LONG=1 kills 300 times instead of 20."""
+lost, none is computed twice, and the manifest is true. DEFORM_LONG=1 kills 300 times instead of 12."""
 
 import json
 import os
@@ -13,10 +13,9 @@ import subprocess
 import tarfile
 import time
 
-from harness import AHMED_SETUP, DEFORM, EndToEnd, main, read_bytes
+from harness import AHMED_SETUP, DEFORM, LONG, EndToEnd, main, read_bytes
 from test_constraints import plate, setup
 
-LONG = os.environ.get("DEFORM_LONG") == "1"
 ROWS = 40
 
 
@@ -190,7 +189,7 @@ class Kills(Sweep):
         turn = {"results": 0, "results.tar": 0}
         tables = list(self.tables)
         kills = 0
-        while kills < (300 if LONG else 20):
+        while kills < (300 if LONG else 12):
             for output in turn:
                 designs = tables[turn[output] % 2]
                 before = self.stamps(output, self.recorded(output))

@@ -7,7 +7,7 @@ import re
 import shutil
 import subprocess
 
-from harness import SHARED_DATA, EndToEnd, box, main, read_bytes
+from harness import SHARED_DATA, EndToEnd, box, long_test, main, read_bytes
 
 ROOF_LIFT = """\
 geometry: case
@@ -68,6 +68,7 @@ class OpenFoam(EndToEnd):
         self.fails(4, "quality", "case/0.15", "--json", "--fail-on", "skewness>1", says=["skewness>1: it is 3.0"], prints=True)
         self.fails(2, "quality", "case", "--fail-on", "skewnes>1", says=["did you mean", "skewness"])
 
+    @long_test
     def test_faces_that_become_severely_non_orthogonal_are_counted(self):
         """None is at rest, so that all that checkMesh's formula finds afterwards are new."""
         self.case("car_fastback")

@@ -22,7 +22,7 @@ from deformd.measures import CentreOfGravity, Thickness, Volume
 from deformd.quality import Quality, differences
 
 PLACE_DESIGNS = int(os.environ.get("DEFORM_PLACE_DESIGNS", "16"))
-KILLS = int(os.environ.get("DEFORM_STUDY_KILLS", "5"))
+KILLS = int(os.environ.get("DEFORM_STUDY_KILLS", "3"))
 
 
 # ---- designs of experiments ----

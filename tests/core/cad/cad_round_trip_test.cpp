@@ -15,7 +15,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdlib>
 #include <filesystem>
 #include <functional>
 
@@ -27,6 +26,7 @@
 #include "core/cad/model.h"
 #include "core/io/mesh_file.h"
 #include "tests/core/cad/pair_models.h"
+#include "tests/support/long_tests.h"
 
 namespace deform::cad {
 namespace {
@@ -193,7 +193,7 @@ class CadRoundTrip : public testing::Test {
 /// All of them take minutes.
 std::vector<std::string> shared_models() {
   std::vector<std::string> names;
-  if (std::getenv("DEFORM_LONG") == nullptr) return {"s11o_cube_cyl.stp"};
+  if (!test::long_tests()) return {"s11o_cube_cyl.stp"};
 #ifdef DEFORM_SHARED_DATA
   for (const auto& entry : fs::directory_iterator(fs::path(DEFORM_SHARED_DATA) / "D_cad")) {
     const std::string name = entry.path().filename().string();

@@ -12,6 +12,7 @@
 #include "core/deformers/system.h"
 #include "core/mesh/ahmed.h"
 #include "tests/core/quality/surface_meshes.h"
+#include "tests/support/long_tests.h"
 
 namespace deform {
 namespace {
@@ -110,6 +111,7 @@ TEST(AffineMotion, OfAllHandlesIsFollowedByMlsOnClosedSurfaces) {
                                  with_holes,
                                  inwards};
   for (std::size_t i = 0; i < closed.size(); ++i) {
+    if (!test::long_tests() && (i == 2 || i == 4 || i == 7)) continue;  // the same with other proportions
     MlsOptions options;
     options.surface_samples = 500;
     options.volume_samples = 300;

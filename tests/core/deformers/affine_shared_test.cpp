@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdlib>
 #include <memory>
 #include <string>
 #include <vector>
@@ -14,6 +13,7 @@
 #include "core/deformers/system.h"
 #include "core/io/mesh_file.h"
 #include "tests/support/end_handles.h"
+#include "tests/support/long_tests.h"
 
 namespace deform {
 namespace {
@@ -32,7 +32,7 @@ constexpr Closed closed_surfaces[] = {{"anchor_dense.off.gz", true},  {"pinion.o
                                       {"flange.stl.gz", false},       {"lion_vase_poly.off.gz", false}};
 
 TEST(AffineMotion, OfAllHandlesIsFollowedByMlsOnRealClosedSurfaces) {
-  const bool all = std::getenv("DEFORM_LONG") != nullptr;
+  const bool all = test::long_tests();
   for (const Closed& of : closed_surfaces) {
     if (!all && !of.quick) continue;
     const std::shared_ptr<const Mesh> mesh =

@@ -27,6 +27,7 @@
 #include "tests/core/deformers/dense_energy.h"
 #include "tests/core/deformers/dense_interpolant.h"
 #include "tests/core/deformers/dense_placement.h"
+#include "tests/support/long_tests.h"
 
 namespace deform {
 namespace {
@@ -38,8 +39,6 @@ using test::contract::Kind;
 using test::contract::Prescribed;
 
 constexpr std::uint64_t shards = 4;  // of the seeds, which run at the same time
-
-bool is_long() { return std::getenv("DEFORM_LONG") != nullptr; }
 
 /// The displacements of all points, to `rounding`; none where no solution is found from what was delivered.
 struct Exact : std::vector<WideVec> {
@@ -809,8 +808,8 @@ void check(std::uint64_t seed, double most_centres) {
 class Contract : public testing::TestWithParam<std::uint64_t> {};
 
 TEST_P(Contract, HoldsOnRandomSetups) {
-  const std::uint64_t count = is_long() ? 1000 : 50;
-  const double most = is_long() ? many_centres : few_centres;
+  const std::uint64_t count = test::long_tests() ? 1000 : 50;
+  const double most = test::long_tests() ? many_centres : few_centres;
   if (const char* one = std::getenv("DEFORM_SEED")) {
     if (GetParam() == 0) {
       check(std::stoull(one), most);
@@ -841,13 +840,17 @@ TEST(ContractOfConstraints, HoldsWhereNewtonsMethodGetsLost) {
 TEST(ContractOfConstraints, HoldsWhereTheAlternationStops) { check(1637, many_centres); }
 
 // Hard handles: a design that does not converge in the first of several rounds lacks the others.
-TEST(ContractOfConstraints, HoldsWhereRoundsOfMultipliersAreMissing) { check(2797, many_centres); }
+TEST(ContractOfConstraints, HoldsWhereRoundsOfMultipliersAreMissing) {
+  if (!test::long_tests()) return;  // it takes half a minute
+  check(2797, many_centres);
+}
 
 // Half models and sectors, whose methods deform the model with its images, and sectors of rbf, whose system is block-circulant.
 // DEFORM_LONG=1 takes 150 of each.
 TEST(ContractOfHalfModels, HoldsOnRandomSetups) {
   if (std::getenv("DEFORM_SEED") != nullptr) return;
-  for (std::uint64_t seed = 0; seed < (is_long() ? 150 : 15); ++seed) check(test::contract::half_seeds + seed, few_centres);
+  for (std::uint64_t seed = 0; seed < (test::long_tests() ? 150 : 15); ++seed)
+    check(test::contract::half_seeds + seed, few_centres);
   print_table();
 }
 
@@ -856,7 +859,8 @@ TEST(ContractOfHalfModels, HoldsFarFromTheOrigin) { check(test::contract::half_s
 
 TEST(ContractOfSectors, HoldsOnRandomSetups) {
   if (std::getenv("DEFORM_SEED") != nullptr) return;
-  for (std::uint64_t seed = 0; seed < (is_long() ? 150 : 18); ++seed) check(test::contract::sector_seeds + seed, few_centres);
+  for (std::uint64_t seed = 0; seed < (test::long_tests() ? 150 : 18); ++seed)
+    check(test::contract::sector_seeds + seed, few_centres);
   print_table();
 }
 
@@ -866,7 +870,7 @@ TEST(ContractOfSectors, HoldsOnRandomSetups) {
 TEST(ContractOfExactConstraints, HoldsOnRandomSetups) {
   if (std::getenv("DEFORM_SEED") != nullptr) return;
   std::vector<std::uint64_t> seeds{0, 1, 4, 7, 8, 10, 115};  // quick ones; in 115 a sphere comes to curve the other way
-  for (std::uint64_t seed = 0; is_long() && seed < 150; ++seed) seeds.push_back(seed);
+  for (std::uint64_t seed = 0; test::long_tests() && seed < 150; ++seed) seeds.push_back(seed);
   for (const std::uint64_t seed : seeds) check(test::contract::exact_seeds + seed, few_centres);
   print_table();
   std::printf("%zu of %zu exact sets are met\n", exact_met(), exact_sets());

@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdlib>
 #include <random>
 #include <string>
 #include <vector>
@@ -16,6 +15,7 @@
 #include "tests/core/deformers/dense_energy.h"
 #include "tests/core/deformers/shapes.h"
 #include "tests/core/deformers/space_cases.h"
+#include "tests/support/long_tests.h"
 
 namespace deform {
 namespace {
@@ -147,7 +147,7 @@ double truth_of(const Case& c, const Points& delivered) {
 }
 
 TEST(ReportedError, OfEnergyMethodsBoundsWhatItIs) {
-  const bool many = std::getenv("DEFORM_LONG") != nullptr;
+  const bool many = test::long_tests();
   std::vector<double> ratios;
   for (std::uint32_t seed = 0; seed < (many ? 1000u : 50u); ++seed) {
     const Case c = random_case(seed);

@@ -6,13 +6,13 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
-#include <cstdlib>
 #include <random>
 #include <vector>
 
 #include "core/base/vectors.h"
 #include "core/deformers/system.h"
 #include "tests/core/deformers/shapes.h"
+#include "tests/support/long_tests.h"
 
 namespace deform {
 namespace {
@@ -152,7 +152,7 @@ Points reference(const Case& c, const Points& delivered) {
 }
 
 TEST(ReportedError, OfDenseInterpolantsBoundsWhatItIs) {
-  const std::uint32_t cases = std::getenv("DEFORM_LONG") != nullptr ? 1000 : 48;
+  const std::uint32_t cases = test::long_tests() ? 1000 : 48;
   std::vector<double> ratios;
   for (std::uint32_t seed = 0; seed < cases; ++seed) {
     const Case c = random_case(seed);

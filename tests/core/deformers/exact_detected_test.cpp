@@ -3,11 +3,11 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <cstdlib>
 #include <stdexcept>
 
 #include "tests/core/constraints/detection/parts.h"
 #include "tests/core/deformers/detected_cases.h"
+#include "tests/support/long_tests.h"
 #include "tests/support/thesis_options.h"
 
 namespace deform {
@@ -162,7 +162,7 @@ TEST(ExactConstraints, ASetThatKeepsItsPointsKeepsItsError) {
 
 /// Sets and motions at random, with a limit for the whole lot of them.
 TEST(ExactConstraints, NoPointOfRandomDetectedSetsIsThrownAway) {
-  const bool many = std::getenv("DEFORM_LONG") != nullptr;
+  const bool many = test::long_tests();
   test::ExactCases cases;
   for (const int n : {1, 2}) {
     if (n == 2 && !many) break;

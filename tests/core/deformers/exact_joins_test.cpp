@@ -17,6 +17,7 @@
 #include "tests/core/deformers/energy_cases.h"
 #include "tests/core/deformers/estimate_bounds.h"
 #include "tests/core/deformers/shapes.h"
+#include "tests/support/long_tests.h"
 
 namespace deform::test {
 namespace {
@@ -179,6 +180,7 @@ TEST(ExactJoins, the_field_is_that_of_all_joins) {
 
 // Many points of a regular mesh are equally far from those that are centres already: rounding decides nothing.
 TEST(ExactJoins, units_do_not_matter) {
+  if (!long_tests()) return;  // each of the two takes ten seconds
   constexpr double unit = 1000;
   const Annulus annulus(64, 40, 6), other(64, 40, 6, unit);
   const Points right = prepare(annulus.mesh, annulus.setup(FfdOptions{}, true), {})->evaluate(dented);
@@ -189,6 +191,7 @@ TEST(ExactJoins, units_do_not_matter) {
 }
 
 TEST(ExactJoins, refinement_of_the_mesh_does_not_change_the_motion) {
+  if (!long_tests()) return;  // the fine one takes twenty seconds
   // The same places in a mesh twice as fine: every second point.
   const Annulus coarse(48, 32, 6), fine(96, 64, 6);
   const auto moved = [&](const Annulus& annulus) {

@@ -2,18 +2,18 @@
 // Exact constraints on sets that detect() finds on real meshes.
 #include <gtest/gtest.h>
 
-#include <cstdlib>
 #include <filesystem>
 
 #include "core/io/mesh_file.h"
 #include "tests/core/deformers/detected_cases.h"
+#include "tests/support/long_tests.h"
 
 namespace deform {
 namespace {
 
 TEST(ExactConstraints, NoPointOfRealMeshesIsThrownAway) {
   const std::filesystem::path folder = std::filesystem::path(DEFORM_SHARED_DATA) / "A_surface";
-  const bool many = std::getenv("DEFORM_LONG") != nullptr;
+  const bool many = test::long_tests();
   test::ExactCases cases;
   for (const char* name :
        {"joint.off", "spool.off", "pipe.off", "joint_remeshed.off.gz", "fandisk.off.gz", "anchor_dense.off.gz"}) {

@@ -10,7 +10,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <cstdlib>
 #include <random>
 #include <stdexcept>
 #include <string>
@@ -20,6 +19,7 @@
 #include "core/numerics/interpolation/dense_interpolator.h"
 #include "tests/core/deformers/mirrored.h"
 #include "tests/core/deformers/shapes.h"
+#include "tests/support/long_tests.h"
 
 namespace deform {
 namespace {
@@ -31,8 +31,6 @@ using Extended = long double;
 using ExtendedMatrix = Eigen::Matrix<Extended, Eigen::Dynamic, Eigen::Dynamic>;
 
 constexpr std::uint64_t shards = 4;  // of the seeds, which run at the same time
-
-bool is_long() { return std::getenv("DEFORM_LONG") != nullptr; }
 
 enum class Model { sphere, box, cloud, sheet };
 
@@ -353,8 +351,8 @@ std::vector<double> iterative_ratios(const std::vector<std::uint64_t>& seeds, do
 class RandomIterative : public Shard {};
 
 TEST_P(RandomIterative, TheToleranceHoldsAtTheFreePointsAndTheErrorIsNotUnderestimated) {
-  const std::vector<double> ratios = iterative_ratios(seeds(is_long() ? 200 : 36), is_long() ? 3000 : 900);
-  if (is_long()) check_median(ratios);
+  const std::vector<double> ratios = iterative_ratios(seeds(test::long_tests() ? 200 : 36), test::long_tests() ? 3000 : 900);
+  if (test::long_tests()) check_median(ratios);
 }
 
 TEST(Iterative, EstimatesAreNotFarAboveTheErrors) { check_median(iterative_ratios(first_seeds(36), 900)); }
@@ -387,11 +385,11 @@ double incremental_qr_ratio(std::uint64_t seed, double most_centres) {
 
 TEST_P(RandomIncrementalQr, TheErrorAtTheFreePointsIsNotUnderestimated) {
   std::vector<double> ratios;
-  for (const std::uint64_t seed : seeds(is_long() ? 1000 : 50)) {
-    const double ratio = incremental_qr_ratio(seed, is_long() ? 800 : 500);
+  for (const std::uint64_t seed : seeds(test::long_tests() ? 1000 : 50)) {
+    const double ratio = incremental_qr_ratio(seed, test::long_tests() ? 800 : 500);
     if (std::isfinite(ratio)) ratios.push_back(ratio);
   }
-  if (is_long()) check_median(ratios);
+  if (test::long_tests()) check_median(ratios);
 }
 
 TEST(IncrementalQr, EstimatesAreNotFarAboveTheErrors) {
@@ -411,7 +409,7 @@ TEST(IncrementalQr, TheErrorIsThatOfThePointsBetweenTheSamples) {
 /// Beyond the centres of which a dense factorization estimates errors, against dense solutions: one setup, or with DEFORM_LONG=1
 /// fourteen of up to 10,000 centres. The first of 9,798 has its largest error at none of the points that represent all of them.
 TEST(ManyCentres, ErrorsAreNotUnderestimated) {
-  const std::size_t most = is_long() ? 10000 : 3300, enough = is_long() ? 28 : 1;
+  const std::size_t most = test::long_tests() ? 10000 : 3300, enough = test::long_tests() ? 28 : 1;
   std::vector<double> ratios;
   for (std::uint64_t seed = 3000; ratios.size() < enough && seed < 3200; ++seed) {
     Case problem = random_case(seed, 10000);
@@ -427,13 +425,13 @@ TEST(ManyCentres, ErrorsAreNotUnderestimated) {
       const double error = problem.error(system->evaluate(problem.design)), told = evaluation->report(0).error;
       EXPECT_GE(told, 0.5 * error) << seed << ": " << problem.text() << error;
       if (error > 0) ratios.push_back(told / error);
-      if (!is_long()) continue;
+      if (!test::long_tests()) continue;
       std::printf("%lu, %s: %s%g, told / true %g\n", static_cast<unsigned long>(seed),
                   solver == Solver::iterative ? "iterative" : "QR", problem.text().c_str(), error, told / error);
     }
   }
   ASSERT_GE(2 * ratios.size(), enough);
-  if (is_long()) check_median(ratios);
+  if (test::long_tests()) check_median(ratios);
 }
 
 double largest_distance(const Points& a, const Points& b) {
@@ -477,7 +475,7 @@ TEST(ManyCentres, ErrorsAreNotUnderestimatedWithPlanesNorWithoutFastSums) {
 
 /// More centres than a dense factorization takes: against a solution to a smaller tolerance.
 TEST(ManyCentres, ErrorsAreNotUnderestimatedBeyondDenseSolutions) {
-  if (!is_long()) return;  // it takes minutes
+  if (!test::long_tests()) return;  // it takes minutes
   std::mt19937_64 random(11);
   Case problem;
   problem.mesh = test::shared(model(Model::sphere, 40000, random));
@@ -557,8 +555,8 @@ class RandomDerivatives : public Shard {};
 
 TEST_P(RandomDerivatives, AreAdjointWhateverTheTolerance) {
   double worst = 0;
-  for (const std::uint64_t seed : seeds(is_long() ? 60 : 8)) {
-    Case problem = solved_case(500 + seed, is_long() ? 3000 : 700);
+  for (const std::uint64_t seed : seeds(test::long_tests() ? 60 : 8)) {
+    Case problem = solved_case(500 + seed, test::long_tests() ? 3000 : 700);
     if (problem.condition > 1e15) continue;
     problem.setup.variables.push_back({"up", "a", DesignVariable::Translate{{0, 0, 1}}});
     problem.setup.variables.push_back({"turn", "a", DesignVariable::Rotate{{0, 0, 1}, problem.mesh->points[0]}});

@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdlib>
 #include <iterator>
 #include <map>
 #include <string>
@@ -17,6 +16,7 @@
 #include "core/deformers/system.h"
 #include "core/mesh/ahmed.h"
 #include "tests/core/deformers/shapes.h"
+#include "tests/support/long_tests.h"
 
 namespace deform {
 namespace {
@@ -306,7 +306,7 @@ TEST(Reduction, TellsThatItsToleranceIsNotMet) {
     std::get<Region::Ids>(column % 2 == 1 ? setup.handles[0].region.kind : setup.fixed[0].kind).ids.push_back(id);
   }
   EXPECT_EQ(estimate(*mesh, setup).centres, 8000u);
-  if (std::getenv("DEFORM_LONG") == nullptr) return;  // preparing so many takes 10 s
+  if (!test::long_tests()) return;  // preparing so many takes 10 s
   const SystemInfo info = prepare(mesh, setup)->info();
   EXPECT_LE(info.centres, 8000u);
   EXPECT_GT(info.reduction_misfit, info.reduction_tolerance);

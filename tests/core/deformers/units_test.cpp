@@ -9,7 +9,6 @@
 #include <array>
 #include <cmath>
 #include <cstdio>
-#include <cstdlib>
 #include <functional>
 #include <memory>
 #include <numbers>
@@ -24,6 +23,7 @@
 #include "tests/core/deformers/block_meshes.h"
 #include "tests/core/deformers/half_cages.h"
 #include "tests/core/deformers/shapes.h"
+#include "tests/support/long_tests.h"
 
 namespace deform::test {
 namespace {
@@ -231,9 +231,7 @@ std::vector<Case> cases() {
   const auto without_cells = [](const Model& model) { return model.mesh.elements == nullptr; };
   const auto in_space = [](const Model& model) { return model.name != "sheet"; };
   // Half a minute for each model.
-  const auto in_some = [](const Model& model) {
-    return std::getenv("DEFORM_LONG") != nullptr ? model.name != "sheet" : model.name == "bar";
-  };
+  const auto in_some = [](const Model& model) { return long_tests() ? model.name != "sheet" : model.name == "bar"; };
   const auto cage = [](const Model& model, const Placed& placed) {
     const Box box = bounding_box(model.mesh.points);
     const double wide = 0.1 * box.diagonal();

@@ -7,7 +7,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <cstdlib>
 #include <limits>
 #include <memory>
 #include <numeric>
@@ -20,6 +19,7 @@
 #include "core/numerics/interpolation/dense_interpolator.h"
 #include "core/numerics/interpolation/interpolator.h"
 #include "tests/core/numerics/random_points.h"
+#include "tests/support/long_tests.h"
 
 namespace deform {
 namespace {
@@ -80,8 +80,6 @@ TEST(LargestMagnitude, IsInfiniteWhereANumberIsMissing) {
   errors(1, 1) = std::numeric_limits<double>::quiet_NaN();
   EXPECT_EQ(largest_magnitude(errors), std::numeric_limits<double>::infinity());
 }
-
-bool long_tests() { return std::getenv("DEFORM_LONG") != nullptr; }
 
 /// Patches of centres on an ellipsoid, each with a smooth motion of its own, and places all over it.
 struct Checked {
@@ -198,20 +196,20 @@ TEST(PointErrors, AreThoseOfDenseSolutions) {
                       {Kernel::multiquadric, Solver::iterative, 1e-3}};
   std::size_t compared = 0;
   for (const Row& row : rows) {
-    for (std::uint64_t seed = 0; seed < (long_tests() ? 3u : 2u); ++seed) {
-      const std::size_t m = long_tests() ? 3200 + 700 * seed : 600 + 100 * seed;
+    for (std::uint64_t seed = 0; seed < (test::long_tests() ? 3u : 2u); ++seed) {
+      const std::size_t m = test::long_tests() ? 3200 + 700 * seed : 600 + 100 * seed;
       const Approximate is(row, m, 384, seed);
       const double size = is.given.F.cwiseAbs().maxCoeff();
       if (is.condition > 1e14 || !(is.errors.cwiseAbs().maxCoeff() > 1e-10 * size)) continue;  // too few digits to compare
       ++compared;
       for (const std::size_t dense : {std::size_t{250}, std::size_t{1000}}) {
-        if (long_tests() && dense == 1000) continue;
+        if (test::long_tests() && dense == 1000) continue;
         const PointErrors check(*is.system, is.options.polynomial_degree, is.given.places, {}, dense);
         EXPECT_EQ(check.complete(), m <= dense);
         const Eigen::MatrixXd told = check.errors(check.missing(*is.system, is.interpolants, is.given.F, {}), {});
         const double missed = (told - is.errors).cwiseAbs().maxCoeff() / is.errors.cwiseAbs().maxCoeff();
         EXPECT_LE(missed, 0.05) << row.text() << ", " << m << " centres, dense up to " << dense << ", condition " << is.condition;
-        if (long_tests()) std::printf("%s, %zu centres: missed by %g\n", row.text().c_str(), m, missed);
+        if (test::long_tests()) std::printf("%s, %zu centres: missed by %g\n", row.text().c_str(), m, missed);
       }
     }
   }

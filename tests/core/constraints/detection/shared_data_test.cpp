@@ -15,6 +15,7 @@
 #include "core/constraints/constraint.h"
 #include "core/io/mesh_file.h"
 #include "tests/core/constraints/detection/expect_found.h"
+#include "tests/support/long_tests.h"
 
 namespace deform {
 namespace {
@@ -320,7 +321,7 @@ TEST(SharedModels, WhateverIsFoundIsLegalAndNoDust) {
     const std::string name = entry.path().filename().string();
     if (name.find(".off") == name.npos && name.find(".obj") == name.npos && name.find(".stl") == name.npos) continue;
     const Mesh mesh = *io::read_mesh_file(entry.path())->mesh();
-    if (mesh.face_count() > 30'000 && std::getenv("DEFORM_LONG") == nullptr) continue;
+    if (mesh.face_count() > 30'000 && !test::long_tests()) continue;
     for (const double level : {0.0, 1e-4}) {
       if (level > 0 && mesh.face_count() > 30000) continue;  // the large ones: FreeFormPanelsAreNoCylinders
       SCOPED_TRACE(name + " with noise " + std::to_string(level));
@@ -357,6 +358,7 @@ TEST(SharedModels, FreeFormPanelsAreNoCylinders) {
   for (const auto& [name, largest] : models) {
     const Mesh mesh = *io::read_mesh_file(data / "A_surface" / name)->mesh();
     for (const double level : {0.0, 1e-4}) {
+      if (level == 0 && mesh.face_count() > 30'000 && !test::long_tests()) continue;
       const Mesh tested = shaken(mesh, level);
       const Detection found = detected(tested, name);
       expect_legal(tested, found);

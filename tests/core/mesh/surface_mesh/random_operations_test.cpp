@@ -12,6 +12,7 @@
 #include "core/mesh/surface_mesh/surface_mesh.h"
 #include "tests/core/mesh/named_meshes.h"
 #include "tests/core/mesh/surface_mesh/face_sets.h"
+#include "tests/support/long_tests.h"
 
 namespace deform {
 namespace {
@@ -322,7 +323,7 @@ class RandomOperations {
   int next_tag_ = 0;
 };
 
-std::size_t operations() { return std::getenv("DEFORM_LONG") != nullptr ? 1000000 : 50000; }
+std::size_t operations() { return test::long_tests() ? 1000000 : 20000; }
 
 void run(const std::vector<Mesh>& starts, bool triangles_only) {
   std::map<std::string, std::size_t> counts;
