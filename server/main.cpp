@@ -12,7 +12,9 @@
 #include <fstream>
 #include <iostream>
 #include <mutex>
+#include <string_view>
 #include <thread>
+#include <vector>
 
 #include "core/base/commit/commit.h"
 #include "core/base/text.h"
@@ -124,6 +126,7 @@ void log_configuration(const deform::server::Configuration& configuration) {
   for (const auto& [name, value, source] : configuration.effective) {
     spdlog::info("option {}={} ({})", name, deform::escaped(value, 300), deform::escaped(source, 300));
   }
+  for (const std::string& doubt : configuration.doubts) spdlog::warn("{}", deform::escaped(doubt, 300));
 }
 
 /// Every connection is an open file, and the usual soft limit of 1,024 is kept for programs that use select(), which this does
@@ -219,12 +222,21 @@ std::optional<std::string> environment_variable(const std::string& name) {
   return value == nullptr ? std::nullopt : std::optional<std::string>(value);
 }
 
+std::vector<std::string> environment_names() {
+  std::vector<std::string> names;
+  for (char** variable = environ; *variable != nullptr; ++variable) {
+    const std::string_view text(*variable);
+    names.emplace_back(text.substr(0, text.find('=')));
+  }
+  return names;
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
   deform::lapack::use_kernels_of_processor(argv);
   try {
-    const deform::server::CommandLine command_line{{argv + 1, argv + argc}, environment_variable};
+    const deform::server::CommandLine command_line{{argv + 1, argv + argc}, environment_variable, environment_names()};
     if (const auto code = deform::server::run_store_command(command_line, std::cout)) return *code;
     static const Signals signals;  // outlives the thread that waits for the second one
     const auto configuration = deform::server::read_configuration(command_line);

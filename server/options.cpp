@@ -7,9 +7,13 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <map>
+#include <regex>
+#include <set>
+#include <string_view>
 #include <utility>
 
 #include "core/base/commit/commit.h"
+#include "core/base/text.h"
 #include "server/store/postgres_catalog.h"
 
 namespace deform::server {
@@ -351,6 +355,31 @@ Flags read_flags(const std::vector<Option>& options, std::vector<std::string> ar
   return out;
 }
 
+/// Kubernetes sets NAME_SERVICE_HOST, NAME_PORT and NAME_PORT_50051_TCP_ADDR, say, for a service of that name.
+bool is_of_kubernetes(const std::string& name) {
+  static const std::regex of_a_service("DEFORMD(_.*)?_(SERVICE_(HOST|PORT.*)|PORT(_[0-9]+_.*)?)");
+  return std::regex_match(name, of_a_service);
+}
+
+/// Variables that no option reads but that look as if one should.
+std::vector<std::string> misspelt_variables(const std::vector<Option>& options, const std::vector<std::string>& variables) {
+  constexpr std::string_view prefix = "DEFORMD_";
+  std::vector<std::string> names{"config"}, out;
+  std::set<std::string> known{"DEFORMD_CONFIG"};
+  for (const Option& option : options) {
+    names.push_back(option.name);
+    known.insert(option.variable());
+  }
+  for (const std::string& variable : variables) {
+    if (!variable.starts_with(prefix) || known.contains(variable) || is_of_kubernetes(variable)) continue;
+    std::string name = lower_case(variable.substr(prefix.size()));
+    std::replace(name.begin(), name.end(), '_', '-');
+    const std::string near = nearest_names(name, names);
+    if (!near.empty()) out.push_back("environment " + variable + ": there is no such option; did you mean that of " + near + "?");
+  }
+  return out;
+}
+
 }  // namespace
 
 void describe_command_line(const std::function<void(const CLI::App&)>& describe) {
@@ -387,6 +416,7 @@ std::variant<Configuration, Answer> read_configuration(const CommandLine& comman
   }
   out.server.validate();
   out.server.engine.validate();
+  out.doubts = misspelt_variables(options, command_line.variables);
   return out;
 }
 

@@ -33,12 +33,14 @@ struct Configuration {
     std::string source;  ///< "default", "flag", "environment" or the file with its line
   };
   std::vector<Effective> effective;
+  std::vector<std::string> doubts;  ///< what may be meant otherwise, one line each, for the log
 };
 
 /// What options are read from.
 struct CommandLine {
   std::vector<std::string> arguments;  ///< without the name of the program
   std::function<std::optional<std::string>(const std::string& name)> environment;
+  std::vector<std::string> variables{};  ///< names of all of the environment
 };
 
 /// Text to print instead of running (--help, --version).

@@ -24,12 +24,15 @@ constexpr std::size_t max_request_bytes = 1024;
 void answer_checks(const std::vector<HealthCheck>& checks, const std::set<std::string>& excluded, httplib::Response& response) {
   bool all = true;
   std::string text;
+  std::set<std::string> unknown = excluded;
   for (const HealthCheck& check : checks) {
     const bool counts = excluded.count(check.name) == 0;
+    unknown.erase(check.name);
     all = all && (check.holds || !counts);
     text += check.holds ? "[+] " + check.name : "[-] " + check.name + ": " + printable(check.reason);
     text += counts ? "\n" : " (excluded)\n";
   }
+  for (const std::string& name : unknown) text += "[!] exclude: there is no check \"" + printable(name) + "\"\n";
   response.status = all ? 200 : 503;
   response.set_content(text, "text/plain; charset=utf-8");
 }

@@ -35,7 +35,7 @@ bool RunningLimits::is_changeable(const std::string& name) const {
   return found != limits_.end() && found->second.change;
 }
 
-v1::SetLimitReply RunningLimits::set(const std::string& name, const std::string& value) {
+v1::SetLimitReply RunningLimits::set(const std::string& name, const std::string& value, By by) {
   const std::lock_guard lock(mutex_);
   const auto found = limits_.find(name);
   if (found == limits_.end()) {
@@ -57,7 +57,7 @@ v1::SetLimitReply RunningLimits::set(const std::string& name, const std::string&
     throw Error(error.code(), "limit " + name + ": " + error.what());
   }
   limit.value = value;
-  limit.changed = true;
+  limit.changed = by == By::request;
   *reply.mutable_limit() = described(name, limit);
   return reply;
 }

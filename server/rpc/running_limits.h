@@ -23,8 +23,10 @@ class RunningLimits {
 
   v1::ListLimitsReply list() const;
   bool is_changeable(const std::string& name) const;
+  /// Who sets a limit: a request, whose value is gone after a restart, or the options, which are read again then.
+  enum class By { request, options };
   /// Throws Error(not_found) for an unknown name, Error(invalid_argument) for what takes a restart, and what the change throws.
-  v1::SetLimitReply set(const std::string& name, const std::string& value);
+  v1::SetLimitReply set(const std::string& name, const std::string& value, By by);
 
  private:
   struct Limit {

@@ -156,10 +156,11 @@ class GrpcServer final : public RunningServer {
       spdlog::info("connections: at most {}", limit);
     }
     add_limits(options);
-    service_.set_admin_actions(
-        {[this] { set_draining(true); }, [this] { set_draining(false); }, [this] { return connections(); },
-         [this] { return limits_.list(); },
-         [this](const v1::SetLimitRequest& request) { return limits_.set(request.name(), request.value()); }});
+    service_.set_admin_actions({[this] { set_draining(true); }, [this] { set_draining(false); }, [this] { return connections(); },
+                                [this] { return limits_.list(); },
+                                [this](const v1::SetLimitRequest& request) {
+                                  return limits_.set(request.name(), request.value(), RunningLimits::By::request);
+                                }});
     builder.RegisterService(&service_.grpc_service());
     builder.RegisterService(&service_.admin_service());
     builder.RegisterService(&service_.health().grpc_service());
@@ -191,7 +192,7 @@ class GrpcServer final : public RunningServer {
   Engine& engine() override { return *engine_; }
   std::optional<std::string> take_over(const std::string& option, const std::string& value) override {
     if (!limits_.is_changeable(option)) return std::nullopt;
-    return limits_.set(option, value == "0" ? meant_by_zero(option) : value).before();
+    return limits_.set(option, value == "0" ? meant_by_zero(option) : value, RunningLimits::By::options).before();
   }
   std::shared_ptr<grpc::Channel> in_process_channel() override { return server_->InProcessChannel(grpc::ChannelArguments()); }
 

@@ -70,6 +70,8 @@ class ExitCodes(EndToEnd):
         self.fails(2, *apply, "roof_up=0.01", "--fail-on", "flipped>0", says=["flipped_faces, newly_intersecting_faces, points_across_symmetry", "displacement_ratio"])
         self.fails(2, *apply, "roof_up=0.01", "--fail-on", "max_displacement", says=["NAME>NUMBER"])
         self.fails(2, "apply", "setup.yaml", says=["-o", "--in-place"])
+        for value in ("-1", "nan", "inf", "1e999", "x"):
+            self.fails(2, *apply, "roof_up=0.01", f"--tolerance={value}", says=[f"--tolerance: {value}, expected a finite number of at least 0"])
         self.assertFalse(os.path.exists(self.path("x.obj")))
         self.fails(4, *apply, "roof_up=0.01", "--fail-on", "max_displacement<1", says=["x.obj: max_displacement<1: it is 0.0"],
                    prints=True)

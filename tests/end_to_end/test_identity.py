@@ -312,6 +312,7 @@ class Identity(EndToEnd):
         self.fails(1, "context", "use", "a", says=["there is no \"a\"", "deform context add"])
         self.fails(1, "context", "add", "a", "--ca", "none.pem", says=["there is no file", "none.pem"])
         self.fails(1, "context", "add", "a b", says=["\"a b\" is no name"])
+        self.fails(1, "context", "add", "a", "--server", "a.example.org", says=["a.example.org", "has no port"])
         self.deform("context", "add", "here", "--server", address, "--ca", "test-ca.pem", "--token-file", "ada.token")
         self.assertEqual(stat.S_IMODE(os.stat(self.path("config/contexts.yaml")).st_mode), 0o600)
         self.assertIn(f"at {address}", self.deform("status").out)
@@ -368,7 +369,7 @@ class Identity(EndToEnd):
         self.start_server(*self.tls)
         tls = ["--ca", "test-ca.pem"]
         self.deform(*tls, "prepare", "setup.yaml")
-        busy = [self.spawn(*tls, "bench", "setup.yaml", "--designs", 2000, "--json") for _ in range(8)]
+        busy = [self.spawn(*tls, "bench", "setup.yaml", "--designs", 1000, "--json") for _ in range(8)]
         for k in range(5):
             self.authority.issue(f"next{k}", self.here)
             # The certificate first: until its key is there, too, the old pair serves.

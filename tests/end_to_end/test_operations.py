@@ -147,17 +147,17 @@ class Operations(EndToEnd):
         self.assertEqual(refused(), none)
         self.deform("sample", "-o", "ahmed.obj", "--points", 60000)
         self.write("setup.yaml", AHMED_SETUP)
-        self.deform("register", "ahmed.obj", expect=None)
-        self.deform("prepare", "setup.yaml", expect=None)
+        self.deform("register", "ahmed.obj", "--timeout", 3, expect=None)
+        self.deform("prepare", "setup.yaml", "--timeout", 3, expect=None)
         self.wait_until(lambda: refused()["memory"] > 0, "what does not fit into the budget")
         self.deform("admin", "drain")
-        self.deform("prepare", "setup.yaml", expect=None)
+        self.deform("prepare", "setup.yaml", "--timeout", 3, expect=None)
         self.wait_until(lambda: refused()["draining"] > 0, "what is refused by a server that is drained")
         self.assertEqual({**refused(), "memory": 0, "draining": 0}, none)
         self.server.stop()
         self.start("--keep-free", "1000T")
         self.deform("sample", "-o", "other.obj", "--points", 2000)
-        self.deform("register", "other.obj", expect=None)
+        self.deform("register", "other.obj", "--timeout", 3, expect=None)
         self.wait_until(lambda: refused()["disk"] > 0, "a disk without room")
 
     def test_figures_are_what_prometheus_reads_and_the_rules_ask_for(self):
@@ -194,6 +194,10 @@ class Operations(EndToEnd):
         self.assertEqual(self.get("/livez")[0], 200)
         status, text = self.get("/readyz?exclude=store")
         self.assertEqual(status, 200, text)
+        self.assertNotIn("[!]", text)
+        status, text = self.get("/readyz?exclude=stroe")
+        self.assertEqual(status, 503, text)
+        self.assertIn('[!] exclude: there is no check "stroe"\n', text)
         self.assertEqual(self.figures()["deformd_store_writable"], 0)
 
     def test_slow_and_silent_connections_do_not_keep_others_waiting(self):
@@ -255,10 +259,13 @@ class Operations(EndToEnd):
                      "max-connections=77 .* is taken over, before "):
             self.assert_logged("option " + line)
         self.assertEqual(limits(), {**before, "queue-limit": "200", "cache-budget": "3MiB", "max-connections": "77"}, "a flag wins over the file")
+        until_a_restart = lambda: re.findall(r"(?m)^(\S+) .* changed, until a restart$", self.deform("admin", "limits").out)
+        self.assertEqual(until_a_restart(), [], "a restart reads the same file")
         # What the operator has set stays as long as the options are what they were.
         self.deform("admin", "limits", "queue-limit=9")
         hang_up("queue_limit: 200\n", "option max-connections=0 .* is taken over, before 77")
         self.assertEqual(limits(), {**before, "queue-limit": "9"})
+        self.assertEqual(until_a_restart(), ["queue-limit"])
         hang_up("queue_limit: 300\ncache_budget: 900TiB\n", "option cache-budget=.* is not taken over, it stays: limit cache-budget: more than")
         self.assertEqual(limits(), {**before, "queue-limit": "300"})
         self.assertEqual(server.stop(), 0)

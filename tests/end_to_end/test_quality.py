@@ -51,6 +51,8 @@ class Quality(EndToEnd):
     def test_surface_before_and_after(self):
         self.ahmed()
         reply = self.deform("quality", "out.obj", "--before", "ahmed.obj", "--setup", "ahmed.yaml", "--json").json
+        self.assertEqual([name for name, value in reply.items() if name.endswith("_faces") and not isinstance(value, int)], [])
+        self.assertIsInstance(reply["flipped_faces"], int)
         self.assertEqual(reply["flipped_faces"], 0)
         self.assertEqual(reply["degenerate_faces"], 0)
         self.assertGreater(reply["displacement"], 0.01)

@@ -46,11 +46,18 @@ class Options : public testing::Test {
     }
     return "missing";
   }
+  std::vector<std::string> variables() const {
+    std::vector<std::string> names;
+    for (const auto& [name, value] : environment) names.push_back(name);
+    return names;
+  }
   CommandLine command_line(const std::vector<std::string>& arguments) {
-    return {arguments, [this](const std::string& name) {
+    return {arguments,
+            [this](const std::string& name) {
               const auto found = environment.find(name);
               return found == environment.end() ? std::nullopt : std::optional<std::string>(found->second);
-            }};
+            },
+            variables()};
   }
 
   std::map<std::string, std::string> environment;
@@ -80,6 +87,19 @@ TEST_F(Options, FlagOverEnvironmentOverFileOverDefault) {
   EXPECT_EQ(source(c, "grace"), path + ":3");
   EXPECT_EQ(c.server.engine.max_points, EngineOptions().max_points);
   EXPECT_EQ(source(c, "max-points"), "default");
+}
+
+// Kubernetes sets the last four for services of such names.
+TEST_F(Options, MisspeltVariablesAreDoubted) {
+  for (const char* name : {"DEFORMD_MEMORY_BUGDET", "DEFORMD_CONFIGS", "DEFORMD_WORKERS", "HOME", "DEFORMD_SERVICE_HOST",
+                           "DEFORMD_PORT", "DEFORMD_PORT_50051_TCP_ADDR", "DEFORMD_A_SERVICE_PORT_GRPC"}) {
+    environment[name] = "2";
+  }
+  const std::vector<std::string> doubts = read({}).doubts;
+  ASSERT_EQ(doubts.size(), 2u);
+  EXPECT_EQ(doubts[0], "environment DEFORMD_CONFIGS: there is no such option; did you mean that of \"config\"?");
+  EXPECT_EQ(doubts[1].find("environment DEFORMD_MEMORY_BUGDET: there is no such option; did you mean that of \"memory-budget\""),
+            0u);
 }
 
 TEST_F(Options, EveryOptionCanBeSetInEveryWay) {

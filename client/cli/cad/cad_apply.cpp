@@ -222,7 +222,7 @@ void add_cad_apply_command(CLI::App& app, const CommonOptions& common, Action& c
       ->capture_default_str();
   command->add_flag("--crossings", options->crossings, "Look for faces that go through each other far from their edges");
   command->add_option("--scale", options->request.scale, "Factor from the unit of the CAD model to that of the mesh")
-      ->check(CLI::PositiveNumber)
+      ->check(positive())
       ->capture_default_str();
   command
       ->add_option("--checks", options->request.checks, "Random points at which the error is measured; each face has at least 20")

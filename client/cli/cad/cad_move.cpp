@@ -243,12 +243,12 @@ void add_cad_move_command(CLI::App& app, const CommonOptions& common, Action& ch
   command->add_option("--handle", options->handle, "Name of the handle in motions and setup")->capture_default_str();
   command->add_option("--map", options->map, "CSV of partners that are given instead of found");
   command->add_option("--scale", options->request.scale, "Factor from the unit of the CAD models to that of the mesh")
-      ->check(CLI::PositiveNumber)
+      ->check(positive())
       ->capture_default_str();
   command
       ->add_option("--tolerance", options->request.tolerance,
                    "Largest distance of a node from the old model, model units; 0: automatic, 1e-4 D")
-      ->check(CLI::NonNegativeNumber)
+      ->check(not_negative())
       ->capture_default_str();
   command->add_flag("--keep-bad", options->apply.keep_bad, "Write bad designs, too; the exit code stays 4");
   options->apply.cells.check = "intersections";

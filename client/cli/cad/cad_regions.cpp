@@ -289,12 +289,12 @@ void add_cad_regions_command(CLI::App& app, const CommonOptions& common, Action&
       "Constraints with exact: true, which put their points on planes, cylinders, ... to the last digits; without it they "
       "are as near as their weight puts them");
   command->add_option("--scale", options->request.scale, "Factor from the unit of the CAD model to that of the mesh")
-      ->check(CLI::PositiveNumber)
+      ->check(positive())
       ->capture_default_str();
   command
       ->add_option("--tolerance", options->request.tolerance,
                    "Largest distance of a node from the model, unit of the mesh; 0: automatic, 1e-4 D")
-      ->check(CLI::NonNegativeNumber)
+      ->check(not_negative())
       ->capture_default_str();
   command->footer(cad_regions_footer);
   command->callback([options, &common, &chosen] { chosen = [options, &common] { return run_cad_regions(*options, common); }; });

@@ -153,7 +153,7 @@ void add_cage_command(CLI::App& app, const CommonOptions& common, Action& chosen
       ->check(CLI::Range(CageRequest::least_points, CageRequest::most_points))
       ->capture_default_str();
   command->add_option("--offset", options->request.offset, "Distance from the mesh to begin with, model units; 0: automatic")
-      ->check(CLI::NonNegativeNumber)
+      ->check(not_negative())
       ->capture_default_str();
   command
       ->add_option("--symmetry-tolerance", options->request.symmetry_tolerance,

@@ -3,6 +3,7 @@
 
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
+#include <CLI/TypeTools.hpp>
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -23,6 +24,16 @@
 namespace deform::cli {
 
 namespace {
+
+/// A finite number that `fits`, else `wanted` is said.
+CLI::Validator number_that(const char* wanted, const char* type, bool (*fits)(double)) {
+  const auto check = [wanted, fits](const std::string& text) {
+    double value = 0;
+    const bool read = CLI::detail::lexical_cast(text, value) && std::isfinite(value);
+    return read && fits(value) ? std::string() : text + ", expected " + wanted;
+  };
+  return {check, type};
+}
 
 /// What a context says and no option nor variable does. With an address by hand, the context in use is nobody's: its token would
 /// go to another server.
@@ -47,6 +58,14 @@ CommonOptions with_context(CommonOptions common) {
 }
 
 }  // namespace
+
+CLI::Validator not_negative() {
+  return number_that("a finite number of at least 0", "NONNEGATIVE", [](double value) { return value >= 0; });
+}
+
+CLI::Validator positive() {
+  return number_that("a finite number above 0", "POSITIVE", [](double value) { return value > 0; });
+}
 
 client::ClientOptions CommonOptions::client_options() const {
   const CommonOptions used = with_context(*this);

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <CLI/App.hpp>
+#include <CLI/Validators.hpp>
 #include <functional>
 #include <set>
 #include <string>
@@ -47,6 +48,11 @@ struct CommonOptions {
   client::ClientOptions client_options() const;
   client::CallOptions call_options() const;
 };
+
+/// A finite number of at least 0; as CLI::NonNegativeNumber, which tells the largest double with all its 309 digits.
+CLI::Validator not_negative();
+/// A finite number above 0.
+CLI::Validator positive();
 
 /// What main runs after the command line was understood.
 using Action = std::function<ExitCode()>;

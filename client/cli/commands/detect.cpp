@@ -289,7 +289,7 @@ void add_detect_command(CLI::App& app, const CommonOptions& common, Action& chos
       ->needs("--setup");
   command->add_option("--coloured", options->coloured, "File to write, .ply or .vtp: every primitive in its colour");
   command->add_option("--tolerance", options->tolerance, "Distance of a point from its primitive, model units; 0: automatic")
-      ->check(CLI::NonNegativeNumber)
+      ->check(not_negative())
       ->capture_default_str();
   command->add_option("--min-area", options->minimum_area, "Smallest area of a primitive, percent of the surface; 0: automatic")
       ->check(CLI::Range(0.0, 100.0))

@@ -24,7 +24,7 @@ void GivenDesign::add_to(CLI::App& command) {
   command
       .add_option("--match-tolerance", match_tolerance,
                   "How far a place in a motion file may be from its point, model units; 0: 1e-6 of the bounding-box diagonal")
-      ->check(CLI::NonNegativeNumber)
+      ->check(not_negative())
       ->capture_default_str();
 }
 

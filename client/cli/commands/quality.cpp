@@ -2,6 +2,7 @@
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
 #include <algorithm>
+#include <cstdint>
 #include <initializer_list>
 #include <iomanip>
 #include <iostream>
@@ -55,7 +56,11 @@ nlohmann::ordered_json report_json(const QualityReport& report) {
   nlohmann::ordered_json json;
   for (const auto& [name, count] : report.counts) json[name] = count;
   for (const QualityRow& row : report.rows) {
-    json[row.name] = row.value;
+    if (row.counts) {
+      json[row.name] = static_cast<std::uint64_t>(row.value);
+    } else {
+      json[row.name] = row.value;
+    }
     if (row.id) json[row.name + "_at"] = *row.id;
   }
   for (const auto& [name, ids] : report.lists) json[name] = ids;

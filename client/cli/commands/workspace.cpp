@@ -181,7 +181,7 @@ void OutputOptions::add_to(CLI::App& command) {
           "--tolerance", tolerance,
           "Largest error of a coordinate for draco and delta_zstd, model units; 0: 1e-6 of the bounding-box diagonal where "
           "they are named")
-      ->check(CLI::NonNegativeNumber)
+      ->check(not_negative())
       ->capture_default_str();
   command
       .add_option("--solver-tolerance", solver_tolerance,

@@ -12,6 +12,7 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
+#include "client/address.h"
 #include "client/cli/commands/command.h"
 #include "client/cli/output/result_json.h"
 #include "client/cli/sweep/durable_file.h"
@@ -94,6 +95,7 @@ ExitCode add_context(const std::string& name, const CommonOptions& common) {
   client::check_context_name(name);
   auto contexts = contexts_of_user();
   client::Context context;
+  client::addresses_of(common.server);  // says what is wrong with one now, not to whoever uses the context
   context.server = common.server;
   context.replicas = common.replicas;
   context.tls = common.tls;

@@ -8,8 +8,8 @@
 namespace deform {
 namespace {
 
-/// The product with a matrix of so few columns reads A as often as that, some columns at a time, which stay in the cache: products
-/// of matrices copy A first, which takes longer than all else then.
+/// The product with a matrix of so few columns reads A as often as that, some columns at a time, which stay in the cache:
+/// products of matrices copy A first, which takes longer than all else then.
 constexpr Eigen::Index few_columns = 4, columns_at_once = 32;
 
 /// Calls part(first, count) for each of `columns` columns of A together with its neighbours.
