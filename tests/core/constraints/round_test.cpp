@@ -128,6 +128,25 @@ TEST(Cylinder, WithSectionsIsTheProjection) {
   for (std::size_t i = 0; i < x.size(); ++i) EXPECT_NEAR(deform::distance(x[i], y[i]), 0.01, 1e-12) << i;
 }
 
+TEST(Directions, NormalsAreNormal) {
+  std::vector<Eigen::Vector3d> all;
+  for (int k = 0; k < 3; ++k) {
+    for (const double sign : {1.0, -1.0}) all.push_back(sign * Eigen::Vector3d::Unit(k));
+  }
+  for (const Vec3& n : normal_noise(50, 4)) all.push_back(Eigen::Vector3d(n[0], n[1], n[2]).normalized());
+  for (const Eigen::Vector3d& n : all) {
+    EXPECT_NEAR(any_normal_to(n).norm(), 1, 1e-14) << n.transpose();
+    EXPECT_NEAR(any_normal_to(n).dot(n), 0, 1e-14) << n.transpose();
+    const Eigen::Matrix3d along = axes_from(n, n), across = axes_from(n, any_normal_to(n));
+    for (const Eigen::Matrix3d& axes : {along, across}) {
+      EXPECT_LT((axes.transpose() * axes - Eigen::Matrix3d::Identity()).norm(), 1e-13);
+      EXPECT_NEAR(axes.determinant(), 1, 1e-13);
+      EXPECT_LT((axes.col(2) - n).norm(), 1e-14);
+    }
+    EXPECT_LT((across.col(0) - any_normal_to(n)).norm(), 1e-13);
+  }
+}
+
 // Starts of the search for an axis: none is far from all of them, and the principal axes are among them.
 TEST(Directions, AreAllAround) {
   PrincipalAxes axes;

@@ -196,6 +196,43 @@ TEST(Estimate, SecondsGrowWithWhatIsHeld) {
   }
 }
 
+/// Nothing is prepared: which of two solvers is said to be the quicker one, and that more points take longer.
+TEST(Estimate, SecondsDependOnTheMethod) {
+  const auto seconds = [](const MethodOptions& method, std::size_t columns) {
+    deform::Setup setup = test::sheet_setup();
+    setup.method = method;
+    setup.fixed = {box({-1, -1, -1}, {1.2, 2, 1})};
+    return estimate(test::bumpy_sheet(columns, columns / 2), setup).seconds;
+  };
+  const MethodOptions iterative = RbfOptions{.solver = Solver::iterative, .reduction = CentreReduction::off};
+  const MethodOptions dense = RbfOptions{.solver = Solver::cholesky, .reduction = CentreReduction::off};
+  EXPECT_LT(seconds(iterative, 301), seconds(dense, 301) / 10) << "27,000 centres";
+  EXPECT_GT(seconds(iterative, 301), 1);
+  FfdOptions direct;
+  direct.control = FfdControl::mesh;
+  for (const MethodOptions& method : {MethodOptions(direct), iterative, dense}) {
+    EXPECT_GT(seconds(method, 31), 0) << method.index();
+    EXPECT_GT(seconds(method, 121), 2 * seconds(method, 31)) << method.index();
+  }
+}
+
+/// Each default is a number of samples of its own, but no more than the mesh has points, and at least 64.
+TEST(Estimate, SamplesOfMlsByDefault) {
+  const auto samples = [](const Mesh& mesh, const MlsOptions& options) {
+    deform::Setup setup;
+    setup.method = options;
+    setup.handles = {{"end", box({0.9, -9, -9}, {9, 9, 9})}};
+    return estimate(mesh, setup).samples;
+  };
+  MlsOptions surface;
+  surface.domain = MlsDomain::surface;
+  EXPECT_EQ(samples(test::bumpy_sheet(4, 3), surface), 64u);
+  EXPECT_EQ(samples(test::bumpy_sheet(31, 16), surface), 31u * 16u);
+  EXPECT_EQ(samples(test::bumpy_sheet(121, 61), surface), 4000u);
+  surface.surface_samples = 100;
+  EXPECT_EQ(samples(test::bumpy_sheet(121, 61), surface), 100u);
+}
+
 /// How much longer a design with constraints takes where more points are constrained, told as a ratio to the one with fewer.
 TEST(Estimate, SecondsOfADesignAreToldWithConstraints) {
   SubspaceOptions subspace;

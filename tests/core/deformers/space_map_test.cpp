@@ -396,6 +396,14 @@ TEST(SpaceMap, SaysHowMuchMemoryItTakes) {
   setup.method = MlsOptions{};
   setup.constraints = {{"patch", {test::box({1.2, 0.1, -9}, {1.6, 0.9, 9})}, Planar{}}};
   EXPECT_EQ(bytes(), 48 * mesh->point_count());
+  // Calls with many places take the places in tiles and, with fast sums, their trees.
+  setup.constraints.clear();
+  const auto call = [&](Solver solver, std::size_t places) {
+    setup.method = RbfOptions{.solver = solver, .reduction = CentreReduction::off};
+    return prepare(mesh, setup)->space_bytes(places).call;
+  };
+  EXPECT_GE(call(Solver::cholesky, 1'000'000), call(Solver::cholesky, 1000) + 3 * 24 * 999'000u);
+  EXPECT_GT(call(Solver::iterative, 1'000'000), call(Solver::cholesky, 1'000'000) + 1'000'000u);
 }
 
 TEST(SpaceMap, StopsWhenItIsToldTo) {
