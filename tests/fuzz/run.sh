@@ -1,7 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: GPL-3.0-or-later
 # Runs every fuzz target for a while; stops at the first finding and leaves it in BUILD_FOLDER/tests/fuzz/findings.
-#   cmake --preset fuzz && cmake --build --preset fuzz && tests/fuzz/run.sh build/fuzz SECONDS [TARGET...]
+#   cmake --preset fuzz && cmake --build --preset fuzz && FUZZ_JOBS=2 tests/fuzz/run.sh build/fuzz SECONDS [TARGET...]
 # Every run tries other bytes and goes on from what earlier runs found, unless FUZZ_SEED is set: then it begins anew, and the same
 # seed tries the same bytes (a change is judged by its own merits, not by luck).
 set -eu
@@ -31,9 +31,29 @@ if [ $# -eq 0 ]; then
   echo "$0: no fuzz targets in $bin; build the target fuzz first" >&2
   exit 2
 fi
-for target in "$@"; do
-  mkdir -p "$corpus/$target"
-  echo "== $target, $seconds s"
-  UBSAN_OPTIONS=print_stacktrace=1 "$bin/$target" -seed="$seed" -max_total_time="$seconds" -timeout=10 -rss_limit_mb=2048 -max_len=4096 \
-    -print_final_stats=1 -verbosity=0 -artifact_prefix="$bin/findings/$target-" "$corpus/$target"
+# As many at a time as FUZZ_JOBS says; all of a batch take as long, and say what they have to say one after the other.
+fuzz() {
+  mkdir -p "$corpus/$1"
+  echo "== $1, $seconds s"
+  UBSAN_OPTIONS=print_stacktrace=1 "$bin/$1" -seed="$seed" -max_total_time="$seconds" -timeout=10 -rss_limit_mb=2048 -max_len=4096 \
+    -print_final_stats=1 -verbosity=0 -artifact_prefix="$bin/findings/$1-" "$corpus/$1"
+}
+said=$(mktemp -d)
+trap 'rm -rf "$said"' EXIT
+while [ $# -gt 0 ]; do
+  batch=
+  while [ $# -gt 0 ] && [ "$(echo $batch | wc -w)" -lt "${FUZZ_JOBS:-1}" ]; do
+    fuzz "$1" >"$said/$1" 2>&1 &
+    batch="$batch $1=$!"
+    shift
+  done
+  failed=
+  for each in $batch; do
+    wait "${each#*=}" || failed="$failed ${each%=*}"
+    cat "$said/${each%=*}"
+  done
+  if [ -n "$failed" ]; then
+    echo "$0: findings of$failed" >&2
+    exit 1
+  fi
 done

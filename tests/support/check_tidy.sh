@@ -26,7 +26,11 @@ if [ $# -gt 0 ]; then
 fi
 python=$(/usr/bin/python3 -c 'import sysconfig; print(sysconfig.get_path("include"))')  # of Debian's python3-dev
 # What includes gRPC or Eigen takes seconds to parse, so the headers of some folders are read in one go.
-for folders in "core/base core/codec core/compiled core/numerics core/mesh" core/io "core/quality core/measures core/report" "core/constraints core/deformers" "proto/convert server client"; do
-  find $folders -name '*.h' | sort | sed 's/.*/#include "&"/' >"$build/headers.cpp"
-  clang-tidy-14 --config-file=.clang-tidy --quiet "$names" "$build/headers.cpp" -- -std=c++20 -I. -isystem "$proto" -isystem /usr/include/eigen3 -isystem /usr/include/postgresql -isystem "$python"
-done
+export build proto python names
+# shellcheck disable=SC2016  # for the other shell
+printf '%s\0' "core/constraints core/deformers" "proto/convert server client" "core/base core/codec core/compiled core/numerics core/mesh" core/io "core/quality core/measures core/report" |
+  xargs -0 -n 1 -P 2 sh -c '
+    own=$(mktemp -d "$build/XXXXXX")
+    find $1 -name "*.h" | sort | sed "s/.*/#include \"&\"/" >"$own/headers.cpp"
+    exec clang-tidy-14 --config-file=.clang-tidy --quiet "$names" "$own/headers.cpp" -- -std=c++20 -I. -isystem "$proto" -isystem /usr/include/eigen3 -isystem /usr/include/postgresql -isystem "$python"
+  ' sh
