@@ -175,6 +175,7 @@ Setup solid_setup() {
   setup.method = options;
   setup.handles = {{"top", box({-1, -1, 0.99}, {2, 2, 2})}};
   setup.fixed = {box({-1, -1, -1}, {2, 2, 0.01})};
+  setup.variables = {{"aside", "top", DesignVariable::Translate{{1, 0, 1}}, -0.1, 0.1}};
   return setup;
 }
 
@@ -182,6 +183,21 @@ Setup solid_setup() {
 Setup solid_planar_setup(bool exact) {
   Setup setup = solid_setup();
   setup.constraints = {{"side", {box({-1, -1, 0.1}, {0.01, 2, 0.9})}, Planar{}, 0, exact}};
+  return setup;
+}
+
+/// Four layers of cells on one side of the solid keep their heights.
+Setup with_layers(Setup setup) {
+  setup.constraints = {{"wall", {box({-1, 0.05, 0.1}, {0.01, 0.95, 0.9})}, Rigid{4}}};
+  return setup;
+}
+
+/// A lattice around the solid.
+Setup lattice_of_solid() {
+  Setup setup = solid_setup();
+  FfdOptions options = lattice(FfdControl::energy);
+  options.basis = BasisMode::never;
+  setup.method = options;
   return setup;
 }
 
@@ -294,6 +310,15 @@ const std::vector<PeakCase>& peak_cases() {
       {"shell_compressed", [] { return body(50000); }, [] { return to_tolerance<ShellOptions>(shell(), 1e-8); }},
       {"ffd_planar_exact", [] { return body(30000); },
        [] { return with_constraint(body_setup(fine_lattice()), Planar{}, true); }},
+      {"ffd_planar", [] { return body(30000); },
+       [] { return with_constraint(body_setup(lattice(FfdControl::energy)), Planar{}, false); }},
+      {"ffd_layers", solid, [] { return with_layers(lattice_of_solid()); }},
+      {"ffd_solid_planar", solid,
+       [] {
+         Setup setup = lattice_of_solid();
+         setup.constraints = solid_planar_setup(false).constraints;
+         return setup;
+       }},
       {"cage_green_half", [] { return body(200000); }, [] { return with_plane(by_controls(half_cage(), 12)); }},
   };
   return cases;

@@ -322,6 +322,7 @@ ConstrainedSolver::Direction ConstrainedSolver::newton_direction(const Constrain
     result.v = solve_linearized(at, matrix.get(), force, direction_accuracy, context, most_with_old_matrix, &result.end);
   }
   if (matrix == nullptr || result.end == GradientsEnd::limit) {
+    matrix.reset();  // so that there are never two, which take most of the memory of a design
     matrix = newton_at(at, context);
     result.v = solve_linearized(at, matrix.get(), force, direction_accuracy, context, most_gradient_steps, &result.end);
   }

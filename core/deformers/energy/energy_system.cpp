@@ -53,11 +53,11 @@ std::vector<std::size_t> checked_places(std::span<const char> bound, std::size_t
   return result;
 }
 
-/// Gives the system what malloc() keeps of the temporaries of large spaces, several times the bytes of the
-/// energy: beside what is made next they would be the peak, which the estimate does not count.
-void give_back_assembly(std::size_t energy_bytes) {
+/// Gives the system what malloc() keeps of the temporaries of large spaces and constraints, several times the bytes of what was
+/// made: beside what is made next they would be the peak, which the estimate does not count.
+void give_back_assembly(std::size_t bytes) {
   constexpr std::size_t large = std::size_t{1} << 20;
-  if (energy_bytes >= large) malloc_trim(0);
+  if (bytes >= large) malloc_trim(0);
 }
 
 }  // namespace
@@ -157,6 +157,7 @@ void EnergySystem::prepare_constraints(ConstraintSets constraints, const RunCont
     constrained_ = std::make_unique<const ConstrainedSolver>(*solver_, model_.space.functions(), std::move(constraints.sets),
                                                              options, limit, context, delivered ? &*delivered : nullptr);
   }
+  give_back_assembly(constrained_->bytes());
   std::vector<std::size_t> each(frames_.size());
   std::iota(each.begin(), each.end(), std::size_t{0});
   linear_error_ = solve(shifted_handles(each), context).errors[0];
