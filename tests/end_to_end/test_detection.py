@@ -52,7 +52,7 @@ constraints:
   - {name: good, planar: {}, regions: [{ids: [1, 2, 3, 4]}]}
   - {name: two, circular: {}, regions: [{ids: [1, 2]}, {ids: [3]}]}
 """
-WRONG_FIELDS = ["handles[1].name", "variables[0]", "method.mls.fixing", "method.mls.cubature", "method.mls.cover", "handles[1].region", "fixed[0]", "fixed[1]", "constraints[2]", "constraints[0]"]
+WRONG_FIELDS = ["handles[1].name", "variables[0]", "method.mls.energy.fixing", "method.mls.cubature", "method.mls.cover", "handles[1].region", "fixed[0]", "fixed[1]", "constraints[2]", "constraints[0]"]
 
 
 class Detection(EndToEnd):

@@ -123,8 +123,8 @@ TEST(ConvertSetup, MethodsFollowEachOther) {
   ASSERT_EQ(problems.list().size(), 3u);
   EXPECT_EQ(problems.list()[0].field, "handles[0].region");
   EXPECT_EQ(problems.list()[1].field, "then[0].handles[0].region");
-  EXPECT_EQ(problems.list()[2].field, "then[0].method.shell.fixing");
-  EXPECT_EQ(problems.list()[2].message.find("then[0].method.shell.fixing"), 0u) << problems.list()[2].message;
+  EXPECT_EQ(problems.list()[2].field, "then[0].method.shell.energy.fixing");
+  EXPECT_EQ(problems.list()[2].message.find("then[0].method.shell.energy.fixing"), 0u) << problems.list()[2].message;
 }
 
 /// What cannot be converted keeps its default, and hides nothing else.

@@ -29,6 +29,7 @@ void check_weights(Problems& problems, double stretching, double bending, const 
   });
 }
 
+/// Under the names that setup files and messages have for them.
 void check_energy(Problems& problems, const EnergyOptions& options, const std::string& field) {
   check_weights(problems, options.stretching, options.bending, field);
   problems.check(field + ".fixing", [&] {
@@ -39,10 +40,10 @@ void check_energy(Problems& problems, const EnergyOptions& options, const std::s
   check_basis_tolerance(problems, options.basis_tolerance, field + ".basis_tolerance");
 }
 
-void check(Problems& problems, const ShellOptions& options, const Mesh&) { check_energy(problems, options, "method.shell"); }
+void check(Problems& problems, const ShellOptions& options, const Mesh&) { check_energy(problems, options, "method.shell.energy"); }
 
 void check(Problems& problems, const SubspaceOptions& options, const Mesh&) {
-  check_energy(problems, options, "method.subspace");
+  check_energy(problems, options, "method.subspace.energy");
   check_option_range(problems, static_cast<double>(options.centres), 4, 100000, "method.subspace.centres");
   if (options.cover != 0) check_option_range(problems, options.cover, 4, 1000, "method.subspace.cover");
   problems.check("method.subspace.kernel", [&] {
@@ -55,7 +56,7 @@ void check(Problems& problems, const SubspaceOptions& options, const Mesh&) {
 }
 
 void check(Problems& problems, const MlsOptions& options, const Mesh& mesh) {
-  check_energy(problems, options, "method.mls");
+  check_energy(problems, options, "method.mls.energy");
   check_option_range(problems, static_cast<double>(options.surface_samples), 0, most_samples, "method.mls.surface_samples");
   check_option_range(problems, static_cast<double>(options.volume_samples), 0, most_samples, "method.mls.volume_samples");
   check_option_range(problems, options.cubature, 1, 64, "method.mls.cubature");
@@ -71,7 +72,7 @@ void check(Problems& problems, const MlsOptions& options, const Mesh& mesh) {
 }
 
 void check(Problems& problems, const FfdOptions& options, const Mesh& mesh) {
-  check_energy(problems, options, "method.ffd");
+  check_energy(problems, options, "method.ffd.energy");
   check_lattice(problems, options.lattice, mesh);
 }
 

@@ -222,7 +222,7 @@ TEST(CompressedBasis, ToleranceHasLimits) {
     test::expect_error(ErrorCode::invalid_argument, {"method.rbf.basis_tolerance", "1e-12..0.001"},
                        [&] { prepare(mesh, setup); });
     setup.method = with_tolerance(ShellOptions{}, bad);
-    test::expect_error(ErrorCode::invalid_argument, {"method.shell.basis_tolerance"}, [&] { prepare(mesh, setup); });
+    test::expect_error(ErrorCode::invalid_argument, {"method.shell.energy.basis_tolerance"}, [&] { prepare(mesh, setup); });
   }
 }
 

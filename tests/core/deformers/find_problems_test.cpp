@@ -115,17 +115,17 @@ TEST(FindProblems, FindsAllThatIsWrongWithTheOptionsOfAMethod) {
   shell.bending = NAN;
   shell.fixing = 0;
   shell.basis_tolerance = 1;
-  EXPECT_THAT(found(shell), ElementsAre("method.shell.stretching", "method.shell.bending", "method.shell.fixing",
-                                        "method.shell.basis_tolerance"));
+  EXPECT_THAT(found(shell), ElementsAre("method.shell.energy.stretching", "method.shell.energy.bending",
+                                        "method.shell.energy.fixing", "method.shell.energy.basis_tolerance"));
   shell = {};
   shell.bending = 0;
-  EXPECT_THAT(found(shell), ElementsAre("method.shell"));
+  EXPECT_THAT(found(shell), ElementsAre("method.shell.energy"));
   SubspaceOptions subspace;
   subspace.kernel = Kernel::multiquadric;
   subspace.centres = 3;
   subspace.cover = 3;
   subspace.fixing = -1;
-  EXPECT_THAT(found(subspace), ElementsAre("method.subspace.fixing", "method.subspace.centres", "method.subspace.cover",
+  EXPECT_THAT(found(subspace), ElementsAre("method.subspace.energy.fixing", "method.subspace.centres", "method.subspace.cover",
                                            "method.subspace.kernel"));
   MlsOptions mls;
   mls.surface_samples = mls.volume_samples = 1'000'001;
@@ -140,13 +140,13 @@ TEST(FindProblems, FindsAllThatIsWrongWithTheOptionsOfAMethod) {
   ffd.stretching = -1;
   ffd.lattice.points = {1, 4, 1};
   ffd.clamp = 1;
-  EXPECT_THAT(found(ffd), ElementsAre("method.ffd.stretching", "method.ffd.lattice.points[0]", "method.ffd.lattice.points[2]",
-                                      "method.ffd.clamp"));
+  EXPECT_THAT(found(ffd), ElementsAre("method.ffd.energy.stretching", "method.ffd.lattice.points[0]",
+                                      "method.ffd.lattice.points[2]", "method.ffd.clamp"));
   ffd = {};
   ffd.lattice.control_points.resize(1);
   ffd.fixing = -1;
   EXPECT_THAT(found(ffd),
-              ElementsAre("method.ffd.fixing", "method.ffd.lattice.control_points", "method.ffd.lattice.control_points"));
+              ElementsAre("method.ffd.energy.fixing", "method.ffd.lattice.control_points", "method.ffd.lattice.control_points"));
   CageOptions cage;
   cage.vertices = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
   cage.triangles = {{0, 2, 1}, {0, 1, 3}, {1, 2, 3}, {0, 3, 2}};
