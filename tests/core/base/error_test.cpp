@@ -14,6 +14,25 @@ TEST(NearestNames, SuggestsContainedNames) {
 
 TEST(NearestNames, SilentWhenNothingIsNear) { EXPECT_EQ(nearest_names("wheel", {"nose", "underbody"}), ""); }
 
+TEST(NearestNames, AreNearUpToTwoLettersOrHalfTheName) {
+  EXPECT_EQ(nearest_names("abcd", {"abxy", "axyz"}), "\"abxy\"") << "replaced";
+  EXPECT_EQ(nearest_names("abcd", {"axbycd", "axbyczd"}), "\"axbycd\"") << "inserted";
+  EXPECT_EQ(nearest_names("azbcyd", {"abcd", "xaxbcxdx"}), "\"abcd\"") << "left out";
+  EXPECT_EQ(nearest_names("a", {"xy", "xyz"}), "\"xy\"") << "two letters for short names, too";
+  EXPECT_EQ(nearest_names("abcdefgh", {"abcdwxyz", "abcvwxyz"}), "\"abcdwxyz\"") << "half of a long name";
+  EXPECT_EQ(nearest_names("", {"ab", "abc"}), "\"ab\"");
+}
+
+TEST(NearestNames, BeginWithTheNearest) {
+  EXPECT_EQ(nearest_names("wheel", {"wxyel", "whxel", "rear_wheel"}), "\"whxel\", \"wxyel\", \"rear_wheel\"");
+}
+
+TEST(NearestNames, ArePassedOverIfTheyAreVeryLong) {
+  const std::string longest(256, 'a');
+  EXPECT_EQ(nearest_names(longest, {longest, longest + "a"}), "\"" + longest + "\"");
+  EXPECT_EQ(nearest_names(longest + "a", {longest}), "");
+}
+
 TEST(NearestNames, AtMostThree) { EXPECT_EQ(nearest_names("a1", {"a2", "a3", "a4", "a5"}), "\"a2\", \"a3\", \"a4\""); }
 
 TEST(Error, KeepsCodeAndMessage) {

@@ -24,5 +24,22 @@ TEST(NumberDigits, AreTheFewestThatReadBack) {
   }
 }
 
+TEST(ThreeDigits, AreSignificantOnes) {
+  EXPECT_EQ(three_digits(0.012345), "0.0123");
+  EXPECT_EQ(three_digits(1234), "1.23e+03");
+  EXPECT_EQ(three_digits(0), "0");
+}
+
+TEST(Mebibytes, AreKibibytesBelowOne) {
+  constexpr std::size_t kibi = 1024, mebi = kibi * kibi;
+  EXPECT_EQ(mebibytes(0), "0.0 MiB");
+  EXPECT_EQ(mebibytes(1), "0.0 KiB");
+  EXPECT_EQ(mebibytes(100), "0.1 KiB");
+  EXPECT_EQ(mebibytes(1023 * kibi), "1023.0 KiB");
+  EXPECT_EQ(mebibytes(mebi), "1.0 MiB");
+  EXPECT_EQ(mebibytes(3 * mebi / 2), "1.5 MiB");
+  EXPECT_EQ(mebibytes(1536 * mebi), "1536.0 MiB");
+}
+
 }  // namespace
 }  // namespace deform

@@ -40,6 +40,31 @@ TEST(ParallelFor, CoversEveryIndexWithFewerThreadsThanThereAre) {
   }
 }
 
+TEST(ParallelFor, OneRangeOrOneThreadRunsInTheThreadOfTheCallerInOrder) {
+  RunContext one;
+  one.threads = 1;
+  const auto caller = std::this_thread::get_id();
+  oneapi::tbb::task_arena wide(thread_count({}) + 2);
+  for (const auto& [context, count] : {std::pair(RunContext{}, std::size_t{10}), std::pair(one, std::size_t{1003})}) {
+    for (const bool inside : {false, true}) {
+      std::size_t next = 0;
+      const auto loop = [&] {
+        parallel_for(context, count, 10, [&](std::size_t begin, std::size_t end) {
+          EXPECT_EQ(std::this_thread::get_id(), caller);
+          EXPECT_EQ(begin, next);
+          next = end;
+        });
+      };
+      if (inside) {
+        wide.execute(loop);
+      } else {
+        loop();
+      }
+      EXPECT_EQ(next, count);
+    }
+  }
+}
+
 TEST(ParallelFor, NothingToDo) {
   parallel_for({}, 0, 10, [](std::size_t, std::size_t) { FAIL(); });
 }

@@ -523,6 +523,35 @@ TEST_F(CadApply, NodesHoldFacesWhereTheDeformationDiffersBetweenThem) {
   EXPECT_LT(apply_to_model(asked, each(bumpy)).overlooked, 1e-9) << "more than may be overlooked";
 }
 
+TEST_F(CadApply, EdgesOfHeldFacesStayWithThem) {
+  // Bumps along y that vanish at the nodes, also on edges.
+  const PointMap bumpy = [](const Vec3& p) {
+    const Vec3 q = bent(p);
+    return Vec3{q[0], q[1], q[2] + 1e-3 * std::sin(8 * std::numbers::pi * p[1])};
+  };
+  const MeshMotion mesh = grid_on_block(bumpy);
+  ApplyRequest asked = request(block(), ".brep");
+  asked.tolerance = 1e-5;
+  asked.mesh = &mesh;
+  const DeformedModel model = apply_to_model(asked, each(bumpy));
+  const TopoDS_Shape deformed = read(asked.output), rest = block();
+  int rigid = 0, edges = 0;
+  for (const DeformedFace& face : model.faces) {
+    if (!face.held || face.became != Became::moved) continue;
+    ++rigid;
+    TopTools_IndexedMapOfShape before, after;
+    TopExp::MapShapes(faces_of(rest)(face.number), TopAbs_EDGE, before);
+    TopExp::MapShapes(faces_of(deformed)(face.number), TopAbs_EDGE, after);
+    ASSERT_EQ(after.Extent(), before.Extent());
+    for (int e = 1; e <= before.Extent(); ++e, ++edges) {
+      EXPECT_EQ(BRepAdaptor_Curve(TopoDS::Edge(after(e))).GetType(), BRepAdaptor_Curve(TopoDS::Edge(before(e))).GetType())
+          << face.number << " " << e;
+    }
+  }
+  EXPECT_EQ(rigid, 3) << "bottom, top, bore";
+  EXPECT_EQ(edges, 4 + 4 + 3);
+}
+
 TEST_F(CadApply, AConstraintHoldsAFaceAsNearAsItReports) {
   // The bore is round to 1e-4 at the nodes.
   const PointMap rough = [](const Vec3& p) {

@@ -441,6 +441,14 @@ TEST_F(CadMove, NodesOffTheModelAreNamed) {
   EXPECT_THAT(refusal(box(1, 2, 3), box(1, 2, 3), mesh), HasSubstr("such as 4;"));
 }
 
+TEST_F(CadMove, TheDistanceOfTheNodesFromTheOldModelIsTold) {
+  Mesh mesh = box_mesh(1, 2, 3, 2);
+  EXPECT_LT(carry(box(1, 2, 3), box(1, 2, 4), mesh).farthest, 1e-12);
+  mesh.points[4][2] += 1e-4;  // inside of a face, as the next one
+  mesh.points[13][1] -= 2e-4;
+  EXPECT_NEAR(carry(box(1, 2, 3), box(1, 2, 4), mesh).farthest, 2e-4, 1e-9);
+}
+
 TEST_F(CadMove, GivenPairsAreChecked) {
   EXPECT_THROW(carry(box(1, 2, 3), box(1, 2, 3), box_mesh(1, 2, 3, 2), {{ForcedPair::Kind::face, 7, 1}}), Error);
   EXPECT_NO_THROW(carry(box(1, 2, 3), box(1, 2, 3), box_mesh(1, 2, 3, 2), {{ForcedPair::Kind::face, 1, 1}}));

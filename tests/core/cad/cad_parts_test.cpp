@@ -12,10 +12,17 @@
 #include <BRep_Builder.hxx>
 #include <GProp_GProps.hxx>
 #include <Geom2d_Line.hxx>
+#include <Geom_ConicalSurface.hxx>
+#include <Geom_CylindricalSurface.hxx>
 #include <Geom_Plane.hxx>
+#include <Geom_SphericalSurface.hxx>
 #include <Interface_Static.hxx>
+#include <Message.hxx>
+#include <Message_Messenger.hxx>
+#include <Message_Printer.hxx>
 #include <STEPCAFControl_Controller.hxx>
 #include <STEPCAFControl_Writer.hxx>
+#include <STEPControl_Writer.hxx>
 #include <TDataStd_Name.hxx>
 #include <TDocStd_Document.hxx>
 #include <TopExp.hxx>
@@ -35,8 +42,13 @@
 #include <gp_Pln.hxx>
 #include <map>
 #include <random>
+#include <set>
+#include <string>
 #include <vector>
 
+#include "core/base/error.h"
+#include "core/cad/analytic_fit.h"
+#include "core/cad/crossing_faces.h"
 #include "core/cad/deformed_shape.h"
 #include "core/cad/document.h"
 #include "core/cad/face_mending.h"
@@ -196,6 +208,123 @@ TEST(CadModel, MergedFacesStayInTheUnitOfTheFile) {
   EXPECT_EQ(merged.name, "halves.step");
   EXPECT_THAT(merged.notes,
               testing::ElementsAre(HasSubstr("is in inch."), HasSubstr("10 faces and 20 edges were merged to 6 and 12")));
+}
+
+/// Counts what the libraries have to say.
+class Listener : public Message_Printer {
+ public:
+  int heard() const { return heard_; }
+
+ protected:
+  void send(const TCollection_AsciiString&, const Message_Gravity) const override { ++heard_; }
+
+ private:
+  mutable int heard_ = 0;
+};
+
+TEST(CadModel, ReadingSaysNothingOfItsOwn) {
+  const std::filesystem::path path = std::filesystem::temp_directory_path() / "deform_parts_ReadingSaysNothing.step";
+  for (const bool is_damaged : {false, true}) {
+    SCOPED_TRACE(is_damaged);
+    STEPControl_Writer writer;
+    writer.Transfer(BRepPrimAPI_MakeBox(1, 2, 3).Shape(), STEPControl_AsIs);
+    writer.Write(path.c_str());
+    if (is_damaged) std::filesystem::resize_file(path, std::filesystem::file_size(path) / 2);
+    for (int way = 0; way < 2; ++way) {
+      const Handle(Listener) listener = new Listener;
+      Message::DefaultMessenger()->AddPrinter(listener);
+      testing::internal::CaptureStdout();
+      testing::internal::CaptureStderr();
+      const auto read = [&] { way == 0 ? (void)read_model(path, 1) : (void)read_document(path); };
+      if (is_damaged) {
+        EXPECT_THROW(read(), Error);
+      } else {
+        EXPECT_NO_THROW(read());
+      }
+      EXPECT_EQ(testing::internal::GetCapturedStdout(), "");
+      EXPECT_EQ(testing::internal::GetCapturedStderr(), "");
+      EXPECT_EQ(listener->heard(), 0);
+    }
+  }
+  std::filesystem::remove(path);
+}
+
+TEST(CrossingFaces, AreThoseThatGoThroughEachOther) {
+  // A slanted face, in whose box there are a block below it and one above; a third goes through it.
+  BRepBuilderAPI_MakePolygon border;
+  for (const gp_Pnt& p : {gp_Pnt(0, 0, 1), gp_Pnt(1, 0, 0), gp_Pnt(1, 1, 0), gp_Pnt(0, 1, 1)}) border.Add(p);
+  border.Close();
+  const TopoDS_Shape slanted = BRepBuilderAPI_MakeFace(border.Wire()).Shape();
+  const auto block = [](double x, double y, double z) { return BRepPrimAPI_MakeBox(gp_Pnt(x, y, z), 0.2, 0.2, 0.2).Shape(); };
+  const auto crossings = [&](const TopoDS_Shape& other) {
+    return crossing_faces(make_model(together(slanted, other), "slanted"), 1e-3, {});
+  };
+  for (const double x : {-0.1, 0.9}) {
+    for (const double y : {-0.1, 0.4, 0.9}) {
+      EXPECT_THAT(crossings(block(x, y, x)), testing::IsEmpty()) << x << " " << y;
+    }
+  }
+  const std::set<std::array<int, 2>> found = crossings(block(0.35, 0.4, 0.42));
+  EXPECT_EQ(found.size(), 4u) << "the sides of the block that the plane goes through";
+  for (const std::array<int, 2>& pair : found) EXPECT_EQ(pair[0], 0);
+  EXPECT_THAT(crossings(block(0.3, 0.4, 0.7)), testing::IsEmpty()) << "it stands on it with an edge";
+}
+
+/// A place on a surface over a patch of it, share of each range.
+Eigen::Vector3d on(const Geom_Surface& surface, const std::array<double, 4>& patch, double u, double v) {
+  const gp_Pnt p = surface.Value(patch[0] + u * (patch[1] - patch[0]), patch[2] + v * (patch[3] - patch[2]));
+  return {p.X(), p.Y(), p.Z()};
+}
+
+struct Fitted {
+  std::string name;
+  Handle(Geom_ElementarySurface) rest, target;
+  std::array<double, 4> patch;  ///< of both
+};
+
+TEST(AnalyticFit, FindsTheSurfaceWithOtherDimensionsAndInAnotherPlace) {
+  const gp_Ax3 here(gp_Pnt(1, 2, 3), gp_Dir(1, 2, 2), gp_Dir(2, -2, 1)),
+      there(gp_Pnt(-2, 0, 5), gp_Dir(2, 1, 2), gp_Dir(1, 2, -2));
+  std::vector<Fitted> cases{{"plane", new Geom_Plane(here), new Geom_Plane(there), {-1, 2, 0, 1}}};
+  // Patches all around, whose middles lie in other directions from the centre.
+  for (const double u : {0.0, 1.5, 3.0, 4.5}) {
+    cases.push_back(
+        {"cylinder", new Geom_CylindricalSurface(here, 1), new Geom_CylindricalSurface(there, 1.3), {u, u + 1, 0, 2}});
+    cases.push_back({"cone", new Geom_ConicalSurface(here, 0.3, 1), new Geom_ConicalSurface(there, 0.4, 1.2), {u, u + 1, 0, 2}});
+    for (const double v : {-1.4, -0.4, 0.6}) {
+      cases.push_back(
+          {"sphere", new Geom_SphericalSurface(here, 1), new Geom_SphericalSurface(there, 1.2), {u, u + 0.8, v, v + 0.8}});
+    }
+  }
+  for (const Fitted& one : cases) {
+    SCOPED_TRACE(one.name + " " + std::to_string(one.patch[0]) + " " + std::to_string(one.patch[2]));
+    Eigen::Matrix3Xd before(3, 49), after(3, 49);
+    for (int i = 0; i < 49; ++i) {
+      before.col(i) = on(*one.rest, one.patch, i % 7 / 6.0, i / 7 / 6.0);
+      after.col(i) = on(*one.target, one.patch, i % 7 / 6.0, i / 7 / 6.0);
+    }
+    const AnalyticFit fit = analytic_fit(one.rest, before, after);
+    ASSERT_FALSE(fit.surface.IsNull());
+    EXPECT_LT(fit.largest, 1e-9);
+    EXPECT_EQ(fit.surface->DynamicType(), one.target->DynamicType());
+    for (int i = 0; i < 49; ++i) {
+      EXPECT_LT(analytic_distance(*fit.surface, {after(0, i), after(1, i), after(2, i)}), 1e-9);
+    }
+    // Beyond the patch, too.
+    const Eigen::Vector3d beyond = on(*one.target, one.patch, 1.3, 1.2);
+    EXPECT_LT(analytic_distance(*fit.surface, {beyond[0], beyond[1], beyond[2]}), 1e-8);
+  }
+}
+
+TEST(AnalyticFit, TellsHowFarPlacesAreFromIt) {
+  const Handle(Geom_Surface) plane = new Geom_Plane(gp_Pln(gp::Origin(), gp::DZ()));
+  Eigen::Matrix3Xd before(3, 25), after(3, 25);
+  for (int i = 0; i < 25; ++i) {
+    before.col(i) = Eigen::Vector3d(i % 5, i / 5, 0);
+    after.col(i) = Eigen::Vector3d(i % 5, i / 5, 3 + (i % 2 == 0 ? 0.01 : -0.01));  // 13 over and 12 below
+  }
+  EXPECT_NEAR(analytic_fit(plane, before, after).largest, 0.01 * (1 + 1.0 / 25), 1e-6);
+  EXPECT_TRUE(analytic_fit(plane, before.leftCols(2), after.leftCols(2)).surface.IsNull()) << "takes three";
 }
 
 TEST(CadFaults, AllShapesAreLookedAt) {

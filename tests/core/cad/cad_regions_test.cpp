@@ -168,6 +168,69 @@ TEST_F(CadRegionsTest, ConesAndSpheresHaveTheirParameters) {
   EXPECT_GE(regions.mirrors.size(), 3u);
 }
 
+/// How many of the shapes are of the kind, and of how many faces of the model each of these is.
+std::vector<std::size_t> faces_of(const CadRegions& regions, Kind kind) {
+  std::vector<std::size_t> numbers;
+  for (const CadShape& face : regions.faces) {
+    if (face.kind == kind) numbers.push_back(face.numbers.size());
+  }
+  return numbers;
+}
+
+TEST_F(CadRegionsTest, HalvesOfAConeOrSphereAreOneShape) {
+  const gp_Ax2 here(gp::Origin(), gp::DZ(), gp::DX()), opposite(gp::Origin(), gp::DZ(), gp_Dir(-1, 0, 0));
+  const double pi = std::numbers::pi;
+  Mesh cone;
+  add_patch(cone, 12, 4, [&](double a, double b) {
+    const double angle = 2 * pi * a, radius = 1 - 0.6 * b;
+    return Vec3{radius * std::cos(angle), radius * std::sin(angle), 2 * b};
+  });
+  const TopoDS_Shape halves =
+      BRepAlgoAPI_Fuse(BRepPrimAPI_MakeCone(here, 1, 0.4, 2, pi).Shape(), BRepPrimAPI_MakeCone(opposite, 1, 0.4, 2, pi).Shape());
+  const CadRegions of_cone = find(halves, cone);
+  EXPECT_THAT(faces_of(of_cone, Kind::cone), testing::ElementsAre(2));
+  for (const CadShape& face : of_cone.faces) {
+    if (face.kind == Kind::cone) {
+      EXPECT_EQ(face.points.size(), cone.point_count());
+    }
+  }
+  Mesh ball;
+  add_patch(ball, 12, 6, [&](double a, double b) {
+    const double angle = 2 * pi * a, height = pi * (b - 0.5);
+    return Vec3{std::cos(height) * std::cos(angle), std::cos(height) * std::sin(angle), std::sin(height)};
+  });
+  const CadRegions of_ball =
+      find(BRepAlgoAPI_Fuse(BRepPrimAPI_MakeSphere(here, 1, pi).Shape(), BRepPrimAPI_MakeSphere(opposite, 1, pi).Shape()), ball);
+  EXPECT_THAT(faces_of(of_ball, Kind::sphere), testing::ElementsAre(2));
+  EXPECT_EQ(of_ball.faces.at(0).points.size(), ball.point_count());
+}
+
+TEST_F(CadRegionsTest, ConesOrSpheresThatMeetInACircleAreTwo) {
+  Mesh rim;  // where they meet
+  add_patch(rim, 12, 1, [](double a, double b) {
+    const double angle = 2 * std::numbers::pi * a, radius = 1 - 0.6 * b;
+    return Vec3{radius * std::cos(angle), radius * std::sin(angle), b};
+  });
+  const gp_Ax2 up(gp::Origin(), gp::DZ()), down(gp::Origin(), gp_Dir(0, 0, -1));
+  const CadRegions cones =
+      find(BRepAlgoAPI_Fuse(BRepPrimAPI_MakeCone(up, 1, 0.4, 1).Shape(), BRepPrimAPI_MakeCone(down, 1, 0.4, 1).Shape()), rim);
+  EXPECT_THAT(faces_of(cones, Kind::cone), testing::ElementsAre(1, 1));
+  Mesh poles;
+  add_patch(poles, 1, 1, [](double, double b) { return Vec3{0, 0, b == 0 ? -1 : 2}; });
+  const CadRegions balls = find(BRepAlgoAPI_Fuse(BRepPrimAPI_MakeSphere(gp_Pnt(0, 0, 0), 1).Shape(),
+                                                 BRepPrimAPI_MakeSphere(gp_Pnt(0, 0, 1.2), 0.8).Shape()),
+                                poles);
+  EXPECT_THAT(faces_of(balls, Kind::sphere), testing::ElementsAre(1, 1));
+}
+
+TEST_F(CadRegionsTest, TheDistanceOfTheNodesFromTheModelIsTold) {
+  Mesh mesh = box_mesh(1, 2, 3);
+  EXPECT_LT(find(BRepPrimAPI_MakeBox(1, 2, 3).Shape(), mesh).farthest, 1e-12);
+  mesh.points[9][2] += 1e-4;  // inside of a face, as the next one
+  mesh.points[10][2] -= 2e-4;
+  EXPECT_NEAR(find(BRepPrimAPI_MakeBox(1, 2, 3).Shape(), mesh).farthest, 2e-4, 1e-9);
+}
+
 TEST_F(CadRegionsTest, EdgesOfOneFaceAreEdgesOfTheShape) {
   // One face uses them once; seams are used twice.
   Mesh mesh;

@@ -227,6 +227,27 @@ TEST(CompiledDeformation, RefusesCoincidentPointsThatPart) {
   EXPECT_NO_THROW(deformation.evaluate(std::vector<double>(5, 0.0), points));
 }
 
+TEST(CompiledDeformation, CoincidentPointsMayGoTogetherOrBothStay) {
+  for (const Pair pair : {Pair{5, 6}, Pair{5, 88}, Pair{88, 5}, Pair{88, 99}}) {
+    test::Blend blend(100);
+    blend.content.rest[pair.second] = blend.content.rest[pair.first];
+    blend.content.coincident = {pair};
+    const bool parts = blend.content.regions[pair.first] != blend.content.regions[pair.second];
+    const Deformation deformation(std::move(blend.content));
+    std::vector<double> points(300);
+    EXPECT_NO_THROW(deformation.evaluate(std::vector<double>(5, 0.0), points)) << pair.first << " " << pair.second;
+    // The second handle alone moves neither.
+    EXPECT_NO_THROW(deformation.evaluate(std::vector<double>{0, 0, 0, 0, 1}, points)) << pair.first << " " << pair.second;
+    if (!parts) {
+      EXPECT_NO_THROW(deformation.evaluate(at, points)) << pair.first << " " << pair.second;
+      continue;
+    }
+    const auto name = [](std::uint32_t id) { return id == 5 ? "5 (handle \"left\")" : "88 (fixed)"; };
+    const std::string names = std::string("points ") + name(pair.first) + " and " + name(pair.second) + " coincide";
+    expect_error(ErrorCode::invalid_argument, {names.c_str()}, [&] { deformation.evaluate(at, points); });
+  }
+}
+
 TEST(CompiledDeformation, RefusesToLeaveSymmetryPlanes) {
   const Deformation deformation(test::Blend(100, 1).content);
   std::vector<double> points(300), gradient(5);

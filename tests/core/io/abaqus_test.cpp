@@ -128,6 +128,28 @@ TEST(Abaqus, ElementsSetsAndSurfaces) {
   EXPECT_THAT(group(*mesh, "plate").points, ElementsAre(0, 3, 4, 5, 6, 7)) << "an edge and an inner face";
 }
 
+TEST(Abaqus, KeywordsGoOnBehindAComma) {
+  const std::string nodes = "1,0,0,0\n2,1,0,0\n3,1,1,0\n", elements = "*ELEMENT, TYPE=S3\n1,1,2,3\n";
+  const auto named = [&](const std::string& keyword) { return parse_mesh(keyword + nodes + elements, "a.inp")->mesh(); };
+  EXPECT_THAT(group(*named("*NODE, NSET=all\n"), "all").points, ElementsAre(0, 1, 2));
+  EXPECT_THAT(group(*named("*NODE,\nNSET=all\n"), "all").points, ElementsAre(0, 1, 2));
+  EXPECT_THAT(group(*named("*NODE,\n** a comment\nSYSTEM=R,\n NSET=all\n"), "all").points, ElementsAre(0, 1, 2));
+}
+
+TEST(Abaqus, ACommaTooManyEndsBeforeTheNextKeyword) {
+  for (const std::string& comment : {"", "** a comment\n"}) {
+    const std::string text = "*HEADING,\n" + comment + "*NODE, NSET=all,\n" + comment +
+                             "*NSET, NSET=some, GENERATE\n1,2\n*NODE,\n*NODE, NSET=more\n1,0,0,0\n2,1,0,0\n3,1,1,0\n" +
+                             "*ELEMENT, TYPE=S3\n1,1,2,3\n*STEP,";
+    const auto file = parse_mesh(text, "a.inp");
+    const auto mesh = file->mesh();
+    EXPECT_THAT(mesh->points, ElementsAre(Vec3{0, 0, 0}, Vec3{1, 0, 0}, Vec3{1, 1, 0}));
+    EXPECT_THAT(group(*mesh, "some").points, ElementsAre(0, 1));
+    EXPECT_THAT(group(*mesh, "more").points, ElementsAre(0, 1, 2));
+    EXPECT_EQ(file->with_points(mesh->points), text);
+  }
+}
+
 // What has no side of this number gives all of its nodes.
 TEST(Abaqus, SidesOfShellsAndLines) {
   const std::string nodes = "*NODE\n1,0,0,0\n2,1,0,0\n3,1,1,0\n4,0,1,0\n5,.5,0,0\n";

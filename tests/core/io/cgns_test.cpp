@@ -13,6 +13,7 @@
 #include "core/io/mesh_file.h"
 #include "core/quality/element_quality.h"
 #include "tests/core/io/cgns_writer.h"
+#include "tests/core/io/own_temporary_folder.h"
 #include "tests/core/mesh/straight_elements.h"
 #include "tests/support/expect_error.h"
 
@@ -317,29 +318,8 @@ TEST(Cgns, Gzipped) {
   std::filesystem::remove(path);
 }
 
-/// A temporary folder that no other test uses at the same time.
-class OwnTemporaryFolder {
- public:
-  OwnTemporaryFolder() : before_(std::filesystem::temp_directory_path()) {
-    std::string pattern = (before_ / "deform_cgns_XXXXXX").string();
-    folder_ = mkdtemp(pattern.data());
-    setenv("TMPDIR", folder_.c_str(), 1);
-  }
-  ~OwnTemporaryFolder() {
-    setenv("TMPDIR", before_.c_str(), 1);
-    std::filesystem::remove_all(folder_);
-  }
-  OwnTemporaryFolder(const OwnTemporaryFolder&) = delete;
-  OwnTemporaryFolder& operator=(const OwnTemporaryFolder&) = delete;
-
-  bool empty() const { return std::filesystem::is_empty(folder_); }
-
- private:
-  std::filesystem::path before_, folder_;
-};
-
 TEST(Cgns, LeavesNoFilesBehind) {
-  const OwnTemporaryFolder temporary;
+  const test::OwnTemporaryFolder temporary;
   const auto file = parse_mesh(house_file(CG_FILE_HDF5), "a.cgns");
   Points moved = house;
   moved[0][0] = -1;

@@ -151,6 +151,8 @@ TEST(Su2, RefusesWhatIsWrong) {
       {spoilt(plane, "1.0\t0\t1", "1.0"), {"line 9", "2 coordinates"}},
       {spoilt(plane, "1.0\t0\t1", "1.0\tnan\t1"), {"line 9", "nan", "finite"}},
       {spoilt(plane, "9 0 1 2 3 0", "12 0 1 2 3 0 1 2 3"), {"line 4", "NELEM[0]", "type 12 is a volume", "NDIME= 2"}},
+      {spoilt(plane, "9 0 1 2 3 0", "10 0 1 2 3 0"), {"line 4", "NELEM[0]", "type 10 is a volume", "NDIME= 2"}},
+      {spoilt(plane, "9 0 1 2 3 0", "14 0 1 2 3 4 0"), {"line 4", "NELEM[0]", "type 14 is a volume", "NDIME= 2"}},
       {spoilt(plane, "9 0 1 2 3 0", "7 0 1 2 3 0"), {"line 4", "NELEM[0]", "type 7"}},
       {spoilt(plane, "9 0 1 2 3 0", "9 0 1 2"), {"line 4", "NELEM[0]", "4 points"}},
       {spoilt(plane, "9 0 1 2 3 0", "9 0 1 2 6 0"), {"line 4", "NELEM[0]", "point 6", "0..5"}},

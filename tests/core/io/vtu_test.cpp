@@ -63,6 +63,14 @@ void expect_tetrahedron(const MeshFile& file, const std::string& group) {
   EXPECT_THAT(mesh->find_group(group)->faces, ElementsAre(0));
 }
 
+TEST(Vtu, BlanksAndEndsOfLinesMayStandAroundEqualSigns) {
+  const std::string apart =
+      spoilt(spoilt(text, "NumberOfPoints=\"4\"", "NumberOfPoints =\n \"4\""), "NumberOfCells='2'", "NumberOfCells\t= '2'");
+  const auto file = parse_mesh(apart, "a.vtu");
+  expect_tetrahedron(*file, "a & b_4");
+  EXPECT_EQ(file->with_points(file->mesh()->points), apart);
+}
+
 TEST(Vtu, TextChangesInPlace) {
   const auto file = parse_mesh(text, "a.vtu");
   EXPECT_EQ(file->format(), Format::vtu);

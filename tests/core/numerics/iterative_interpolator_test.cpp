@@ -150,6 +150,19 @@ TEST(IterativeInterpolator, NearlyCoincidentCentres) {
   EXPECT_LE(residual(kernel, system, solution.coefficients, F), 1.5e-6);
 }
 
+// Every domain by itself knows nothing of those far away: it takes five iterations without the coarse problem.
+TEST(IterativeInterpolator, ACoarseProblemLeavesFewIterations) {
+  const std::vector<Vec3> centres = sphere(2000);
+  const RadialKernel kernel{Kernel::biharmonic, 1};
+  const IterativeInterpolator system(centres, options(kernel), {});
+  EXPECT_GT(system.preconditioner().domains(), 4u);
+  const MatrixXd F = data(centres);
+  const auto solution = system.interpolate(F, 1e-6, {});
+  EXPECT_TRUE(solution.converged);
+  EXPECT_LE(solution.iterations, 2);
+  EXPECT_LE(residual(kernel, system, solution.coefficients, F), 1.5e-6);
+}
+
 TEST(IterativeInterpolator, AFewCentresAreSolvedAtOnce) {
   for (const std::size_t count : {std::size_t{1}, std::size_t{2}, std::size_t{5}, std::size_t{60}}) {
     const std::vector<Vec3> centres = test::random_points(count, 4);

@@ -266,6 +266,35 @@ TEST(IntersectionCheck, PartsThatRunThroughEachOtherAtRestHaveNotRunIntoEachOthe
   EXPECT_LT(found.size(), check.at(bent).size());
 }
 
+TEST(IntersectionCheck, AFaceThatIntersectedOneAtRestMayRunIntoAnother) {
+  // Teeth over and in a long triangle; one of those over it comes down, to either side of those that were in it.
+  for (std::size_t falling = 0; falling < 9; ++falling) {
+    SCOPED_TRACE(falling);
+    Mesh mesh;
+    mesh.points = {{-1, -1, 0}, {30, -1, 0}, {-1, 30, 0}};
+    test::add_face(mesh, {0, 1, 2});
+    for (std::size_t i = 0; i < 9; ++i) {
+      const double x = static_cast<double>(i), low = i == 4 ? -0.5 : 0.5;
+      const auto at = static_cast<PointId>(mesh.points.size());
+      mesh.points.insert(mesh.points.end(), {{x, 0, low}, {x + 0.2, 0, low + 2}, {x - 0.2, 0, low + 2}});
+      test::add_face(mesh, {at, at + 1, at + 2});
+    }
+    const IntersectionCheck check(mesh, mesh.points);
+    EXPECT_THAT(ids(check.at_rest()), ElementsAre(0, 5));
+    EXPECT_THAT(check.appeared(mesh.points), IsEmpty());
+    Points moved = mesh.points;
+    for (std::size_t k = 0; k < 3; ++k) moved[3 + 3 * falling + k][2] -= 1;
+    const auto appeared = check.appeared(moved);
+    if (falling == 4) {  // it only goes on through the same face
+      EXPECT_THAT(appeared, IsEmpty());
+      continue;
+    }
+    const auto tooth = static_cast<FaceId>(falling + 1);
+    EXPECT_THAT(ids(appeared), ElementsAre(0, tooth));
+    for (const IntersectingFace& face : appeared) EXPECT_EQ(face.other, face.face == 0 ? tooth : 0);
+  }
+}
+
 TEST(IntersectionCheck, ThatRunThroughManyAtRestMayDoSoAnywhere) {
   // One large triangle through a fine sheet intersects more faces than are kept of it.
   Mesh mesh = test::sheet(60, 60, Faces::triangles, [](auto i, auto j) { return Vec3{i / 10.0, j / 10.0, 0}; });

@@ -118,6 +118,17 @@ TEST(MeanCurvature, SurvivesBadFaces) {
   EXPECT_EQ(q.least_face_quality.value, 0);
 }
 
+TEST(SurfaceQuality, ListsTheFirstHundredDegenerateFaces) {
+  for (const std::size_t count : {99u, 100u, 101u, 250u}) {
+    Mesh mesh = sphere(1, 2);
+    for (std::size_t i = 0; i < count; ++i) add_face(mesh, {0, 1});
+    const SurfaceQuality q = surface_quality(mesh);
+    EXPECT_EQ(q.degenerate_faces, count);
+    ASSERT_EQ(q.degenerate.size(), std::min<std::size_t>(count, 100));
+    for (std::size_t i = 0; i < q.degenerate.size(); ++i) EXPECT_EQ(q.degenerate[i], q.faces - count + i);
+  }
+}
+
 TEST(SurfaceQuality, KnownFaces) {
   Mesh mesh;
   mesh.points = {{0, 0, 0}, {1, 0, 0}, {0.5, std::sqrt(0.75), 0}, {1, 1, 0}, {0, 1, 0}, {4, 0, 0}, {0, 3, 0}};

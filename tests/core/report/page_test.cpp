@@ -123,6 +123,61 @@ TEST_F(Page, ShowsBeforeAndAfter) {
   EXPECT_FALSE(has(without, "id=\"canvas\" tabindex"));
 }
 
+/// All parts of a text that match, as their groups.
+std::vector<std::vector<std::string>> matches(const std::string& text, const std::regex& expression) {
+  std::vector<std::vector<std::string>> found;
+  for (auto it = std::sregex_iterator(text.begin(), text.end(), expression); it != std::sregex_iterator(); ++it) {
+    found.emplace_back();
+    for (std::size_t i = 1; i < it->size(); ++i) found.back().push_back((*it)[i].str());
+  }
+  return found;
+}
+
+TEST(Histogram, HasBarsOverAnAxisWithNumbers) {
+  QualityReport report;
+  report.histograms = {{"some", "Some <measure>", -1, 3, {1, 0, 4, 3}}};
+  const std::string text = html_page({"a.obj", "", report});
+  EXPECT_TRUE(has(text, "<figcaption>Some &lt;measure&gt;</figcaption>"));
+  using Texts = std::vector<std::vector<std::string>>;
+  EXPECT_EQ(
+      matches(text, std::regex(R"re(<text x="([0-9.]+)" y="182" text-anchor="([a-z]+)">([^<]*)</text>)re")),
+      (Texts{{"4", "start", "-1"}, {"112", "middle", "0"}, {"220", "middle", "1"}, {"328", "middle", "2"}, {"436", "end", "3"}}));
+  // The highest bar is 146 high and has half of all; bins without anything have none.
+  const Texts bars = matches(
+      text,
+      std::regex(R"re(<rect class="after" x="([0-9.]+)" y="([0-9.]+)" width="107" height="([0-9.]+)"><title>([^<]*)</title>)re"));
+  EXPECT_EQ(bars, (Texts{{"4.5", "129.5", "36.5", "-1 to 0: 1"},
+                         {"220.5", "20", "146", "1 to 2: 4"},
+                         {"328.5", "56.5", "109.5", "2 to 3: 3"}}));
+  EXPECT_TRUE(has(text, ">50 %</text>"));
+  EXPECT_FALSE(has(text, "<path class=\"before\""));
+}
+
+TEST(Histogram, HasTheOutlineOfTheOneBefore) {
+  QualityReport after, before;
+  after.histograms = {{"some", "Some", 0, 2, {1, 1}}};
+  before.histograms = {{"some", "Some", 0, 2, {0, 10}}};
+  QualityPage page{"a.obj", "b.obj", after};
+  page.before = &before;
+  // Shares of all: the ten in one bin are twice as high as one of two.
+  const std::string text = html_page(page);
+  EXPECT_TRUE(has(text, "<path class=\"before\" d=\"M4 166V166h216V20h216V166\"/>"));
+  EXPECT_TRUE(has(text, ">100 %</text>"));
+  EXPECT_TRUE(has(text, "y=\"93\" width=\"215\" height=\"73\""));
+  // Bins that do not compare are left out.
+  before.histograms[0].counts.push_back(1);
+  EXPECT_FALSE(has(html_page(page), "<path class=\"before\""));
+}
+
+TEST(Histogram, ShowsLittleBesideMuch) {
+  QualityReport report;
+  report.histograms = {{"some", "Some", 0, 2, {1, 1000000}}, {"none", "None", 0, 1, {0, 0, 0}}};
+  const std::string text = html_page({"a.obj", "", report});
+  EXPECT_TRUE(has(text, "y=\"165\" width=\"215\" height=\"1\"><title>0 to 1: 1</title>"));
+  EXPECT_EQ(matches(text, std::regex("(<rect class=\"after\")")).size(), 2u) << "nothing of a histogram without counts";
+  EXPECT_TRUE(has(text, ">0 %</text>"));
+}
+
 TEST(Picture, Polygons) {
   Mesh mesh = sheet(2, 1, Faces::quads, [](std::uint32_t i, std::uint32_t j) { return Vec3{2.0 * i, double(j), 0}; });
   test::add_face(mesh, {0, 1, 4});

@@ -9,6 +9,7 @@
 #include <cstdlib>
 #include <cstring>
 #include <filesystem>
+#include <system_error>
 
 #include "core/base/error.h"
 
@@ -20,6 +21,13 @@ namespace {
   throw Error(ErrorCode::failed_precondition, "temporary file " + path + ": " + std::strerror(errno));
 }
 
+std::string path_pattern() {
+  std::error_code error;
+  const std::filesystem::path folder = std::filesystem::temp_directory_path(error);
+  if (error) throw Error(ErrorCode::failed_precondition, "temporary files: TMPDIR names no folder: " + error.message());
+  return (folder / "deform-XXXXXX").string();
+}
+
 }  // namespace
 
 std::unique_lock<std::mutex> lock_containers() {
@@ -27,8 +35,7 @@ std::unique_lock<std::mutex> lock_containers() {
   return std::unique_lock(mutex);
 }
 
-ContainerFile::ContainerFile(std::string_view bytes)
-    : path_((std::filesystem::temp_directory_path() / "deform-XXXXXX").string()) {
+ContainerFile::ContainerFile(std::string_view bytes) : path_(path_pattern()) {
   descriptor_ = ::mkostemp(path_.data(), O_CLOEXEC);
   if (descriptor_ < 0) fail(path_);
   named_ = true;

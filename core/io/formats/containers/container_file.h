@@ -20,6 +20,7 @@ constexpr std::size_t largest_rewritten(std::size_t bytes) { return 2 * bytes + 
 /// the folder by unlink(), once a library has opened it, or by the destructor.
 class ContainerFile {
  public:
+  /// Throws Error(failed_precondition) if there is no such folder or the file cannot be written.
   explicit ContainerFile(std::string_view bytes);
   /// A file owned by another process. unlink() removes its name nevertheless.
   static ContainerFile of_other_process(const std::string& path) { return ContainerFile(path, Existing{}); }

@@ -161,6 +161,40 @@ TEST(Detect, ReportsErrorsAndAreasOfItsPrimitives) {
   }
 }
 
+/// Distance of a point from a line or circle, in model units.
+double away_from(const EdgeFeature& e, const Vec3& x) {
+  const Vec3 q = x - e.point;
+  const double h = dot(q, e.axis), across = norm(q - h * e.axis);
+  return e.kind == EdgeKind::line ? across : std::hypot(across - e.radius, h);
+}
+
+TEST(Detect, ReportsErrorsAndLengthsOfItsEdgesInAnyUnit) {
+  for (const double unit : {1.0, 1000.0}) {
+    std::size_t kinds = 0;
+    for (Part part : {test::cube(4), test::plate_with_hole(2), test::rounded_block(2)}) {
+      shake(part.mesh, 1e-4, 9);
+      for (Vec3& p : part.mesh.points) p = unit * p;
+      for (const EdgeFeature& e : detect(part.mesh, {}).edges) {
+        SCOPED_TRACE(part.name + " " + e.name);
+        kinds |= std::size_t{1} << static_cast<int>(e.kind);
+        double squares = 0, most = 0, length = 0;
+        for (std::size_t i = 0; i < e.points.size(); ++i) {
+          const Vec3& x = part.mesh.points[e.points[i]];
+          const double d = away_from(e, x);
+          squares += d * d;
+          most = std::max(most, d);
+          const bool last = i + 1 == e.points.size();
+          if (!last || e.kind == EdgeKind::circle) length += distance(x, part.mesh.points[e.points[last ? 0 : i + 1]]);
+        }
+        EXPECT_NEAR(e.rms, std::sqrt(squares / static_cast<double>(e.points.size())), 1e-9 * unit);
+        EXPECT_NEAR(e.max, most, 1e-9 * unit);
+        EXPECT_NEAR(e.length, length, 1e-9 * length);
+      }
+    }
+    EXPECT_EQ(kinds, 7u) << "lines, circles and arcs";
+  }
+}
+
 TEST(Detect, FindsLinesAndCirclesOnSharpEdges) {
   const Detection edges_of_cube = detect(test::cube(4).mesh, {});
   ASSERT_EQ(edges_of_cube.edges.size(), 12u);

@@ -441,22 +441,24 @@ TEST(Seeds, AreSpreadByArea) {
 }
 
 TEST(Seeds, RandomNumbersAreUniform) {
-  detection::Random random(3, 4), same(3, 4), other(3, 5);
+  detection::Random random(3, 4), same(3, 4), other(3, 5), another(4, 4);
   std::vector<int> counts(10, 0);
   double sum = 0, product = 0, last = 0.5;
-  bool differs = false;
+  bool differs = false, another_differs = false;
   for (int i = 0; i < 20000; ++i) {
     const double u = random.unit();
     ASSERT_GE(u, 0);
     ASSERT_LT(u, 1);
     EXPECT_EQ(same.unit(), u);
     differs = differs || other.unit() != u;
+    another_differs = another_differs || another.unit() != u;
     ++counts[static_cast<std::size_t>(10 * u)];
     sum += u - 0.5;
     product += (u - 0.5) * (last - 0.5);
     last = u;
   }
-  EXPECT_TRUE(differs);
+  EXPECT_TRUE(differs) << "another stream";
+  EXPECT_TRUE(another_differs) << "another seed";
   EXPECT_LT(std::abs(sum), 4 * std::sqrt(20000 / 12.0));
   EXPECT_LT(std::abs(product), 4 * std::sqrt(20000.0) / 12);
   for (const int count : counts) EXPECT_NEAR(count, 2000, 4 * std::sqrt(1800.0));

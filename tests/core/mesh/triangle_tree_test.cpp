@@ -3,14 +3,15 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
 #include <random>
 
-#include "tests/core/measures/measure_checks.h"
 #include "tests/core/quality/surface_meshes.h"
 
-namespace deform::measures {
+namespace deform {
 namespace {
 
 using Corners = std::array<PointId, 3>;
@@ -62,7 +63,7 @@ Vec3 weighted(const std::array<Vec3, 3>& corners, const PlaceOnTriangle& place) 
 }
 
 TEST(TriangleTree, NearestOnOneTriangleIsThatOfADescent) {
-  const Soup made = soup(60, 1, 3);
+  const Soup made = soup(30, 1, 3);
   std::mt19937_64 random(5);
   std::uniform_real_distribution<double> uniform(-1, 2);
   for (std::size_t t = 0; t < made.triangles.size(); ++t) {
@@ -160,7 +161,7 @@ TEST(TriangleTree, RaysThroughEdgesAndCornersOfAClosedSurfaceDoNotPass) {
   }
   std::mt19937_64 random(17);
   std::uniform_real_distribution<double> uniform(-0.3, 0.3);
-  for (int i = 0; i < 20; ++i) {
+  for (int i = 0; i < 8; ++i) {
     const Vec3 shift{1000 * uniform(random), uniform(random), uniform(random)};
     Points points = mesh.points;
     for (Vec3& p : points) p = 0.001 * p + shift;
@@ -178,15 +179,118 @@ TEST(TriangleTree, RaysThroughEdgesAndCornersOfAClosedSurfaceDoNotPass) {
 TEST(TriangleTree, MovedIsThatOfTheNewPlaces) {
   const Soup made = soup(200, 0.2, 19);
   const TriangleTree tree(made.triangles, made.points);
-  const Points points = test::shaken(made.points, 0.3, 3);
-  const TriangleTree moved = tree.moved(points, RunContext{}), anew(made.triangles, points);
   std::mt19937_64 random(23);
   std::uniform_real_distribution<double> uniform(-1, 1);
+  Points points = made.points;
+  for (Vec3& p : points) p = p + 0.3 * Vec3{uniform(random), uniform(random), uniform(random)};
+  const TriangleTree moved = tree.moved(points, RunContext{}), anew(made.triangles, points);
   const auto all = [](std::uint32_t) { return true; };
   for (int i = 0; i < 300; ++i) {
     const Vec3 x{uniform(random), uniform(random), uniform(random)}, d{uniform(random), uniform(random), uniform(random)};
     EXPECT_EQ(moved.nearest(x, infinity, all).triangle, anew.nearest(x, infinity, all).triangle);
     EXPECT_EQ(moved.first(Ray(x, d), all).triangle, anew.first(Ray(x, d), all).triangle);
+  }
+}
+
+TEST(TriangleTree, MovedFarAwayIsWhereThePointsAre) {
+  // More triangles than one task moves.
+  const Soup made = soup(17000, 0.01, 31);
+  Points points = made.points;
+  for (Vec3& p : points) p = p + Vec3{100, 0, 0};
+  const TriangleTree moved = TriangleTree(made.triangles, made.points).moved(points, RunContext{});
+  for (std::uint32_t t = 0; t < made.triangles.size(); t += 4000) {
+    const Vec3& corner = points[made.triangles[t][1]];
+    EXPECT_EQ(moved.nearest(corner, infinity, [&](std::uint32_t s) { return s == t; }).distance, 0);
+    EXPECT_EQ(moved.nearest(corner, infinity, [](std::uint32_t) { return true; }).distance, 0);
+  }
+}
+
+Box box_of(const std::array<Vec3, 3>& corners) {
+  Box box;
+  for (const Vec3& corner : corners) box.add(corner);
+  return box;
+}
+
+bool apart(const Box& a, const Box& b) {
+  for (std::size_t k = 0; k < 3; ++k) {
+    if (a.max[k] < b.min[k] || b.max[k] < a.min[k]) return true;
+  }
+  return false;
+}
+
+TEST(TriangleTree, MeetingIsAllWhoseBoxesDo) {
+  for (const std::size_t count : {1U, 4U, 5U, 9U, 300U}) {
+    const Soup made = soup(count, 0.2, 37);
+    Points places = made.points;
+    for (Vec3& p : places) p = Vec3{p[1], 1 - p[0], p[2]};
+    const TriangleTree tree(made.triangles, made.points), moved = tree.moved(places, RunContext{});
+    std::mt19937_64 random(41);
+    std::uniform_real_distribution<double> uniform(-0.3, 1.3), size(0, 0.5);
+    for (int i = 0; i < 200; ++i) {
+      Box box;
+      box.add({uniform(random), uniform(random), uniform(random)});
+      if (i % 5 != 0) box.add(box.min + Vec3{size(random), size(random), size(random)});
+      // Boxes that only touch one of a triangle count.
+      if (i % 7 == 0) box = box_of(corners_of(made, static_cast<std::size_t>(i) % count));
+      for (const TriangleTree* asked : {&tree, &moved}) {
+        const Soup there{asked == &tree ? made.points : places, made.triangles};
+        std::vector<std::uint32_t> expected, found;
+        for (std::uint32_t t = 0; t < count; ++t) {
+          if (!apart(box_of(corners_of(there, t)), box)) expected.push_back(t);
+        }
+        asked->meeting(box, [&](std::uint32_t t) {
+          found.push_back(t);
+          return true;
+        });
+        std::sort(found.begin(), found.end());
+        ASSERT_EQ(found, expected) << count << " " << i;
+      }
+    }
+  }
+}
+
+TEST(TriangleTree, MeetingCountsBoxesThatTouch) {
+  const Points points{{0, 0, 0}, {1, 0, 0}, {0, 1, 1}};
+  const TriangleTree tree(std::vector<Corners>{{0, 1, 2}}, points);
+  for (std::size_t k = 0; k < 3; ++k) {
+    for (const double side : {0.0, 1.0}) {
+      Vec3 touching{0.5, 0.5, 0.5};
+      touching[k] = side;
+      Vec3 beside = touching;
+      beside[k] = side == 0 ? -1e-300 : 1 + 1e-15;
+      for (const Vec3& x : {touching, beside}) {
+        int visits = 0;
+        tree.meeting(Box{x, x}, [&](std::uint32_t) {
+          ++visits;
+          return true;
+        });
+        EXPECT_EQ(visits, x == touching ? 1 : 0) << k << " " << side;
+      }
+    }
+  }
+}
+
+TEST(TriangleTree, MeetingEndsWhenItIsToldTo) {
+  const Soup made = soup(100, 0.2, 43);
+  const TriangleTree tree(made.triangles, made.points);
+  for (const int most : {1, 2, 50}) {
+    int visits = 0;
+    tree.meeting(bounding_box(made.points), [&](std::uint32_t) { return ++visits < most; });
+    EXPECT_EQ(visits, most);
+  }
+}
+
+TEST(TriangleTree, OfEquallyCloseTrianglesTheFirstCounts) {
+  // The same triangle many times, in an order in which the tree does not hold them.
+  Soup made = soup(1, 1, 47);
+  for (int i = 0; i < 40; ++i) made.triangles.push_back(made.triangles[0]);
+  const TriangleTree tree(made.triangles, made.points);
+  const std::array<Vec3, 3> corners = corners_of(made, 0);
+  const Vec3 middle = (corners[0] + corners[1] + corners[2]) / 3.0, x = middle + Vec3{3, 2, 1};
+  for (std::uint32_t first = 0; first <= 40; ++first) {
+    const auto accept = [&](std::uint32_t t) { return t >= first; };
+    EXPECT_EQ(tree.nearest(x, infinity, accept).triangle, first);
+    EXPECT_EQ(tree.first(Ray(x, middle - x), accept).triangle, first);
   }
 }
 
@@ -234,8 +338,12 @@ TEST(TriangleTree, ConesPassOverNothingThatIsAsked) {
 TEST(TriangleTree, WithoutTriangles) {
   const TriangleTree tree(std::vector<Corners>{}, Points{});
   EXPECT_FALSE(tree.nearest({0, 0, 0}, infinity, [](std::uint32_t) { return true; }).found());
+  tree.meeting(Box{{-1, -1, -1}, {1, 1, 1}}, [](std::uint32_t) {
+    ADD_FAILURE() << "there is none";
+    return true;
+  });
   EXPECT_FALSE(tree.moved(Points{}, RunContext{}).first(Ray({0, 0, 0}, {1, 0, 0}), [](std::uint32_t) { return true; }).found());
 }
 
 }  // namespace
-}  // namespace deform::measures
+}  // namespace deform
