@@ -404,6 +404,7 @@ TEST(SpaceMap, SaysHowMuchMemoryItTakes) {
   };
   EXPECT_GE(call(Solver::cholesky, 1'000'000), call(Solver::cholesky, 1000) + 3 * 24 * 999'000u);
   EXPECT_GT(call(Solver::iterative, 1'000'000), call(Solver::cholesky, 1'000'000) + 1'000'000u);
+  EXPECT_LT(call(Solver::iterative, 1'000'000), 100 * call(Solver::cholesky, 1'000'000));
 }
 
 TEST(SpaceMap, StopsWhenItIsToldTo) {
