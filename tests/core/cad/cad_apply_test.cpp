@@ -59,8 +59,6 @@
 #include "core/base/vectors.h"
 #include "core/cad/deformed_shape.h"
 #include "core/cad/document.h"
-#include "core/cad/face_region.h"
-#include "core/cad/spline_axis.h"
 #include "tests/support/expect_error.h"
 
 namespace deform::cad {
@@ -877,45 +875,6 @@ TEST_F(CadApply, AnEdgeThatShrinksToAPointIsRefused) {
       std::filesystem::remove(asked.output);
     }
   }
-}
-
-TEST(FaceRegion, AgreesWithTheClassifierOfOpenCascade) {
-  std::mt19937 engine(3);
-  std::uniform_real_distribution<double> share(0, 1);
-  const TopTools_IndexedMapOfShape faces = faces_of(block());
-  for (int f = 1; f <= faces.Extent(); ++f) {
-    const TopoDS_Face face = TopoDS::Face(faces(f).Oriented(TopAbs_FORWARD));
-    const FaceRegion region(face);
-    const BRepTopAdaptor_FClass2d classifier(face, 1e-9);
-    const auto& box = region.box();
-    int different = 0;
-    for (int k = 0; k < 2000; ++k) {
-      const double u = box[0] + (1.4 * share(engine) - 0.2) * (box[1] - box[0]);
-      const double v = box[2] + (1.4 * share(engine) - 0.2) * (box[3] - box[2]);
-      const bool outside_box = u < box[0] || u > box[1] || v < box[2] || v > box[3];
-      const bool inside = !outside_box && classifier.Perform(gp_Pnt2d(u, v)) == TopAbs_IN;
-      different += inside != region.contains(u, v) ? 1 : 0;
-    }
-    EXPECT_LE(different, 4) << "face " << f << ": only beside its curves";
-  }
-}
-
-TEST(SplineAxis, ReproducesCubicsAndHasCornersAtItsBreaks) {
-  SplineAxis axis({-1, 0.3, 2});
-  ASSERT_TRUE(axis.halve({3}));
-  ASSERT_TRUE(axis.halve({4}));
-  ASSERT_EQ(axis.nodes().size(), 10u) << "a neighbour was halved, too";
-  const int nodes = 10;
-  const auto curve = [](double t) { return t < 0.3 ? t * t * t - 2 * t : 0.3 * 0.3 * 0.3 - 0.6 + 5 * (t - 0.3) * (t - 0.3); };
-  Eigen::MatrixXd values(nodes, 1);
-  for (int i = 0; i < nodes; ++i) values(i, 0) = curve(axis.nodes()[i]);
-  std::vector<double> at;
-  for (int k = 0; k <= 300; ++k) at.push_back(-1 + 0.01 * k);
-  const Eigen::MatrixXd spline = axis.values(axis.poles(values), at);
-  for (std::size_t k = 0; k < at.size(); ++k) EXPECT_NEAR(spline(static_cast<int>(k), 0), curve(at[k]), 1e-12) << at[k];
-  int sum = 0;
-  for (const int m : axis.multiplicities()) sum += m;
-  EXPECT_EQ(sum, nodes + 4);
 }
 
 }  // namespace

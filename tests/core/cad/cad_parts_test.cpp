@@ -1,14 +1,17 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Parts of core/cad by themselves: what read_document() finds in a STEP file, models with merged faces, regions of faces, and
-// what is said of shapes that are not valid.
+// Parts of core/cad by themselves: what read_document() finds in a STEP file, models with merged faces, regions of faces, faces
+// that cross, surfaces that fit places, and what is said of shapes that are not valid.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <BRepAlgoAPI_Cut.hxx>
 #include <BRepAlgoAPI_Fuse.hxx>
 #include <BRepBuilderAPI_MakeFace.hxx>
 #include <BRepBuilderAPI_MakePolygon.hxx>
 #include <BRepGProp.hxx>
 #include <BRepPrimAPI_MakeBox.hxx>
+#include <BRepPrimAPI_MakeCylinder.hxx>
+#include <BRepTopAdaptor_FClass2d.hxx>
 #include <BRep_Builder.hxx>
 #include <GProp_GProps.hxx>
 #include <Geom2d_Line.hxx>
@@ -54,6 +57,7 @@
 #include "core/cad/face_mending.h"
 #include "core/cad/face_region.h"
 #include "core/cad/model.h"
+#include "core/cad/spline_axis.h"
 #include "core/cad/thin_plate.h"
 
 namespace deform::cad {
@@ -403,6 +407,47 @@ TEST(FaceRegion, CurvesThatMeetOnlyAlmostAreJoined) {
     EXPECT_TRUE(region.contains(0.99, v)) << v;
     EXPECT_FALSE(region.contains(1.01, v)) << v;
   }
+}
+
+TEST(FaceRegion, AgreesWithTheClassifierOfOpenCascade) {
+  std::mt19937 engine(3);
+  std::uniform_real_distribution<double> share(0, 1);
+  const TopoDS_Shape box = BRepPrimAPI_MakeBox(gp_Pnt(-2, -1, 0), 4, 2, 4).Shape();
+  const TopoDS_Shape bore = BRepPrimAPI_MakeCylinder(gp_Ax2(gp_Pnt(0, -1, 3), gp::DY()), 0.5, 2).Shape();
+  const TopTools_IndexedMapOfShape faces = faces_of(BRepAlgoAPI_Cut(box, bore).Shape());
+  for (int f = 1; f <= faces.Extent(); ++f) {
+    const TopoDS_Face face = TopoDS::Face(faces(f).Oriented(TopAbs_FORWARD));
+    const FaceRegion region(face);
+    const BRepTopAdaptor_FClass2d classifier(face, 1e-9);
+    const auto& bounds = region.box();
+    int different = 0;
+    for (int k = 0; k < 2000; ++k) {
+      const double u = bounds[0] + (1.4 * share(engine) - 0.2) * (bounds[1] - bounds[0]);
+      const double v = bounds[2] + (1.4 * share(engine) - 0.2) * (bounds[3] - bounds[2]);
+      const bool is_outside = u < bounds[0] || u > bounds[1] || v < bounds[2] || v > bounds[3];
+      const bool inside = !is_outside && classifier.Perform(gp_Pnt2d(u, v)) == TopAbs_IN;
+      different += inside != region.contains(u, v) ? 1 : 0;
+    }
+    EXPECT_LE(different, 4) << "face " << f << ": only beside its curves";
+  }
+}
+
+TEST(SplineAxis, ReproducesCubicsAndHasCornersAtItsBreaks) {
+  SplineAxis axis({-1, 0.3, 2});
+  ASSERT_TRUE(axis.halve({3}));
+  ASSERT_TRUE(axis.halve({4}));
+  ASSERT_EQ(axis.nodes().size(), 10u) << "a neighbour was halved, too";
+  const int nodes = 10;
+  const auto curve = [](double t) { return t < 0.3 ? t * t * t - 2 * t : 0.3 * 0.3 * 0.3 - 0.6 + 5 * (t - 0.3) * (t - 0.3); };
+  Eigen::MatrixXd values(nodes, 1);
+  for (int i = 0; i < nodes; ++i) values(i, 0) = curve(axis.nodes()[i]);
+  std::vector<double> at;
+  for (int k = 0; k <= 300; ++k) at.push_back(-1 + 0.01 * k);
+  const Eigen::MatrixXd spline = axis.values(axis.poles(values), at);
+  for (std::size_t k = 0; k < at.size(); ++k) EXPECT_NEAR(spline(static_cast<int>(k), 0), curve(at[k]), 1e-12) << at[k];
+  int sum = 0;
+  for (const int m : axis.multiplicities()) sum += m;
+  EXPECT_EQ(sum, nodes + 4);
 }
 
 }  // namespace

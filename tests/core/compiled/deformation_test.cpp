@@ -306,6 +306,36 @@ TEST(CompiledDeformation, ReportsPointsThatHaveStrayed) {
   EXPECT_NE(told[1].find("but the bounding box is 1e+15 long"), std::string::npos) << told[1];
 }
 
+TEST(CompiledDeformation, DoubtsWhatReducedCentresMayHaveChanged) {
+  test::Blend blend(200);
+  const std::vector<double> values{0.5, 0, 0, 0, 0};
+  blend.content.reduction_error = 1e-6;
+  EXPECT_TRUE(Deformation(blend.content).report(values).doubts.empty());
+  blend.content.reduction_error = 0.25;
+  const std::vector<std::string> told = Deformation(blend.content).report(values).doubts;
+  ASSERT_EQ(told.size(), 1u);
+  EXPECT_NE(told[0].find("points may be 0.25 of the largest prescribed displacement"), std::string::npos) << told[0];
+}
+
+TEST(CompiledDeformation, MissesHandleAndFixedPointsByTheLargestDistance) {
+  const Deformation deformation(test::Blend(200).content);
+  std::vector<double> points(600);
+  deformation.evaluate(at, points);
+  EXPECT_LT(deformation.largest_misfit(at, points), 1e-15);
+  // Points of a handle, fixed ones, and others that may be anywhere.
+  for (const auto& [id, region] :
+       {std::pair<std::size_t, std::uint32_t>{5, 0}, {50, 1}, {88, fixed_region}, {81, following_region}}) {
+    ASSERT_EQ(deformation.content().regions[id], region);
+    std::vector<double> off = points;
+    off[3 * id] += 0.03;
+    off[3 * id + 2] -= 0.04;
+    off[3 * 6 + 1] += 0.01;
+    EXPECT_NEAR(deformation.largest_misfit(at, off), region == following_region ? 0.01 : 0.05, 1e-12) << id;
+  }
+  expect_error(ErrorCode::invalid_argument, {"points: has 3 numbers, must have 600"},
+               [&] { (void)deformation.largest_misfit(at, std::span(points).first(3)); });
+}
+
 TEST(CompiledDeformation, ReportsMisfitsWhereTheBasisHasThem) {
   test::Blend blend(200);
   blend.content.misfits = true;

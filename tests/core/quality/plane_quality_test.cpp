@@ -62,6 +62,18 @@ TEST(PlaneQuality, FindsTheInvertedElement) {
   EXPECT_EQ(report.find("inverted_elements")->value, static_cast<double>(q.inverted_elements));
   EXPECT_EQ(report.find("scaled_jacobian")->id, q.least_scaled_jacobian.id);
   EXPECT_NE(report.find("skewness"), nullptr);
+  EXPECT_EQ(report.worst.front().title, "Elements of least scaled Jacobian");
+  const std::vector<WorstList::Entry>& worst = report.worst.front().entries;
+  ASSERT_EQ(worst.size(), q.worst.size());
+  const std::vector<std::uint64_t> offsets = mesh.face_offsets();
+  for (std::size_t i = 0; i < worst.size(); ++i) {
+    EXPECT_EQ(worst[i].id, q.worst[i]);
+    EXPECT_EQ(worst[i].value, q.scaled_jacobian[worst[i].id]);
+    Vec3 middle{};
+    for (std::size_t k = offsets[worst[i].id]; k < offsets[worst[i].id + 1]; ++k)
+      middle = middle + mesh.points[mesh.face_points[k]];
+    EXPECT_LT(distance(worst[i].position, middle / static_cast<double>(mesh.face_sizes[worst[i].id])), 1e-14);
+  }
 }
 
 // Boundary layers far smaller than the mesh are no degenerate faces; faces without area are, whatever their size.

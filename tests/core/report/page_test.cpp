@@ -65,6 +65,7 @@ TEST_F(Page, NamesTheChecksThatFailed) {
   after_report_.failed = {"face pyramids: 19", "open cells: 1"};
   before_report_.failed = {"face pyramids: 17", "open cells: 1"};
   const std::string text = page();
+  EXPECT_TRUE(has(text, "<h2>Failed checks</h2>\n<ul>\n<li"));
   EXPECT_TRUE(has(text, "<li class=\"bad\">face pyramids: 19</li>"));
   EXPECT_TRUE(has(text, "<li class=\"soft\">open cells: 1 (as before)</li>"));
   EXPECT_TRUE(has(html_page({"after.obj", "", after_report_}), "<li class=\"bad\">open cells: 1</li>"));
