@@ -40,7 +40,9 @@ void check_energy(Problems& problems, const EnergyOptions& options, const std::s
   check_basis_tolerance(problems, options.basis_tolerance, field + ".basis_tolerance");
 }
 
-void check(Problems& problems, const ShellOptions& options, const Mesh&) { check_energy(problems, options, "method.shell.energy"); }
+void check(Problems& problems, const ShellOptions& options, const Mesh&) {
+  check_energy(problems, options, "method.shell.energy");
+}
 
 void check(Problems& problems, const SubspaceOptions& options, const Mesh&) {
   check_energy(problems, options, "method.subspace.energy");
