@@ -286,6 +286,24 @@ TEST(MotionCertificate, AffineMotionsAreBorneUpToTheirCondition) {
   EXPECT_FALSE(subject.proven(turned(1.3), 0)) << "cos < 0.3";
 }
 
+// The same of many cells at once in single precision: what all of them have in common is not counted against any.
+TEST(MotionCertificate, AffineMotionsOfManyCellsLeaveNoDoubt) {
+  const Grid g = grid(5, 4, 3);
+  const Subject subject(g.points, &g.cells);
+  const auto doubtful = [&](const std::function<Vec3(const Vec3&)>& map) {
+    std::vector<std::uint32_t> found;
+    subject.certificate->doubtful(mapped(g.points, map), -std::numeric_limits<double>::infinity(), 0,
+                                  subject.certificate->block_count(), found);
+    return found.size();
+  };
+  const double c = std::cos(0.8), s = std::sin(0.8);
+  EXPECT_EQ(doubtful([&](const Vec3& p) { return Vec3{c * p[0] - s * p[1] + 7, s * p[0] + c * p[1], p[2]}; }), 0u);
+  EXPECT_EQ(doubtful([](const Vec3& p) { return Vec3{p[0], 2.5 * p[1] + 0.2 * p[2], p[2] - 3}; }), 0u);
+  // Bent: an affine motion of each cell besides.
+  EXPECT_EQ(doubtful([](const Vec3& p) { return Vec3{p[0], p[1], p[2] + 0.05 * p[0] * p[0]}; }), 0u);
+  EXPECT_EQ(doubtful([](const Vec3& p) { return Vec3{p[0], p[1], -p[2]}; }), g.cells.cell_count) << "inside out";
+}
+
 // Every second node of a cube by d: no linear map is nearer to that than none, and all are within d of the middle.
 TEST(MotionCertificate, WhatIsNotAffineIsBorneUpToTheRadius) {
   const Elements hexahedron = one(ElementType::hexahedron);
