@@ -45,11 +45,15 @@ TEST(ParallelFor, OneRangeOrOneThreadRunsInTheThreadOfTheCallerInOrder) {
   one.threads = 1;
   const auto caller = std::this_thread::get_id();
   oneapi::tbb::task_arena wide(thread_count({}) + 2);
-  for (const auto& [context, count] : {std::pair(RunContext{}, std::size_t{10}), std::pair(one, std::size_t{1003})}) {
+  struct Row {
+    RunContext context;
+    std::size_t count;
+  };
+  for (const Row& row : {Row{{}, 10}, Row{one, 1003}}) {
     for (const bool inside : {false, true}) {
       std::size_t next = 0;
       const auto loop = [&] {
-        parallel_for(context, count, 10, [&](std::size_t begin, std::size_t end) {
+        parallel_for(row.context, row.count, 10, [&](std::size_t begin, std::size_t end) {
           EXPECT_EQ(std::this_thread::get_id(), caller);
           EXPECT_EQ(begin, next);
           next = end;
@@ -60,7 +64,7 @@ TEST(ParallelFor, OneRangeOrOneThreadRunsInTheThreadOfTheCallerInOrder) {
       } else {
         loop();
       }
-      EXPECT_EQ(next, count);
+      EXPECT_EQ(next, row.count);
     }
   }
 }
