@@ -7,7 +7,6 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <map>
-#include <regex>
 #include <set>
 #include <string_view>
 #include <utility>
@@ -356,9 +355,11 @@ Flags read_flags(const std::vector<Option>& options, std::vector<std::string> ar
 }
 
 /// Kubernetes sets NAME_SERVICE_HOST, NAME_PORT and NAME_PORT_50051_TCP_ADDR, say, for a service of that name.
-bool is_of_kubernetes(const std::string& name) {
-  static const std::regex of_a_service("DEFORMD(_.*)?_(SERVICE_(HOST|PORT.*)|PORT(_[0-9]+_.*)?)");
-  return std::regex_match(name, of_a_service);
+bool is_of_kubernetes(std::string_view name) {
+  if (name.find("_SERVICE_HOST") != name.npos || name.find("_SERVICE_PORT") != name.npos || name.ends_with("_PORT")) return true;
+  constexpr std::string_view port = "_PORT_";
+  const std::size_t at = name.find(port), digit = at + port.size();
+  return at != name.npos && digit < name.size() && name[digit] >= '0' && name[digit] <= '9';
 }
 
 /// Variables that no option reads but that look as if one should.

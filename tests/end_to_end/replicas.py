@@ -17,7 +17,7 @@ sys.path.insert(0, os.path.join(SOURCE, "tests", "support"))
 import postgres  # noqa: E402
 
 CLIENTS = 8 if LONG else 4
-DESIGNS = 1000 if LONG else 200  # of each
+DESIGNS = 1000 if LONG else 500  # of each
 
 
 def free_port():

@@ -64,7 +64,7 @@ class Connections(EndToEnd):
         self.deform("sample", "-o", "ahmed.obj", "--points", 2000)
         self.write("setup.yaml", AHMED_SETUP)
         self.deform("prepare", "setup.yaml")
-        client = self.spawn("bench", "setup.yaml", "--designs", 5000, "--json")
+        client = self.spawn("bench", "setup.yaml", "--designs", 8000, "--json")
         self.wait_until(lambda: client.poll() is not None or self.status()["designs_served"] > 0, "the client is at work")
         return client
 

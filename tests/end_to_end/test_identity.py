@@ -369,7 +369,7 @@ class Identity(EndToEnd):
         self.start_server(*self.tls)
         tls = ["--ca", "test-ca.pem"]
         self.deform(*tls, "prepare", "setup.yaml")
-        busy = [self.spawn(*tls, "bench", "setup.yaml", "--designs", 1000, "--json") for _ in range(8)]
+        busy = [self.spawn(*tls, "bench", "setup.yaml", "--designs", 2000, "--json") for _ in range(8)]
         for k in range(5):
             self.authority.issue(f"next{k}", self.here)
             # The certificate first: until its key is there, too, the old pair serves.

@@ -14,7 +14,7 @@ import threading
 import time
 import unittest
 
-from harness import AHMED_SETUP, DEFORMD, Server, main, read_bytes
+from harness import AHMED_SETUP, DEFORMD, Server, long_test, main, read_bytes
 from replicas import DESIGNS, LONG, BehindProxy, Replicas, SharedStore
 
 CLIENTS = 8
@@ -374,6 +374,7 @@ class OneStoreBehindProxy(Killing, Preparations, SharedStore, BehindProxy):
         self.assertNotEqual(self.killed[0][0], self.killed[1][0])
         self.assertEqual(len(self.preparations()[system["id"]]), 1)
 
+    @long_test
     def test_nothing_is_lost_while_servers_are_killed(self):
         self.check_killing()
 

@@ -12,49 +12,34 @@ namespace {
 /// products of matrices copy A first, which takes longer than all else then.
 constexpr Eigen::Index few_columns = 4, columns_at_once = 32;
 
-/// Calls part(first, count) for each of `columns` columns of A together with its neighbours.
-template <typename Part>
-void in_parts(Eigen::Index columns, const Part& part) {
-  for (Eigen::Index first = 0; first < columns; first += columns_at_once) part(first, std::min(columns_at_once, columns - first));
+/// A B or A^T B.
+Eigen::MatrixXd product(CBLAS_TRANSPOSE side, const Eigen::MatrixXd& A, const Eigen::MatrixXd& B) {
+  const bool transposed = side == CblasTrans;
+  Eigen::MatrixXd result = Eigen::MatrixXd::Zero(transposed ? A.cols() : A.rows(), B.cols());
+  if (A.size() == 0 || B.size() == 0) return result;
+  lapack::use_one_thread();
+  const auto rows = static_cast<int>(A.rows()), n = static_cast<int>(B.cols());
+  if (n > few_columns) {
+    const auto m = static_cast<int>(result.rows()), k = static_cast<int>(B.rows());
+    cblas_dgemm(CblasColMajor, side, CblasNoTrans, m, n, k, 1.0, A.data(), rows, B.data(), k, 0.0, result.data(), m);
+    return result;
+  }
+  for (Eigen::Index first = 0; first < A.cols(); first += columns_at_once) {
+    const auto count = static_cast<int>(std::min(columns_at_once, A.cols() - first));
+    for (Eigen::Index j = 0; j < n; ++j) {
+      const double* const x = transposed ? B.col(j).data() : &B(first, j);
+      double* const y = transposed ? &result(first, j) : result.col(j).data();
+      cblas_dgemv(CblasColMajor, side, rows, count, 1.0, A.col(first).data(), rows, x, 1, 1.0, y, 1);
+    }
+  }
+  return result;
 }
 
 }  // namespace
 
-Eigen::MatrixXd dense_product(const Eigen::MatrixXd& A, const Eigen::MatrixXd& B) {
-  Eigen::MatrixXd result = Eigen::MatrixXd::Zero(A.rows(), B.cols());
-  if (A.cols() == 0 || result.size() == 0) return result;
-  lapack::use_one_thread();
-  const auto m = static_cast<int>(A.rows()), n = static_cast<int>(B.cols()), k = static_cast<int>(A.cols());
-  if (n > few_columns) {
-    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, m, n, k, 1.0, A.data(), m, B.data(), k, 0.0, result.data(), m);
-    return result;
-  }
-  in_parts(k, [&](Eigen::Index first, Eigen::Index count) {
-    for (Eigen::Index j = 0; j < n; ++j) {
-      cblas_dgemv(CblasColMajor, CblasNoTrans, m, static_cast<int>(count), 1.0, A.col(first).data(), m, &B(first, j), 1, 1.0,
-                  result.col(j).data(), 1);
-    }
-  });
-  return result;
-}
+Eigen::MatrixXd dense_product(const Eigen::MatrixXd& A, const Eigen::MatrixXd& B) { return product(CblasNoTrans, A, B); }
 
-Eigen::MatrixXd transposed_product(const Eigen::MatrixXd& A, const Eigen::MatrixXd& B) {
-  Eigen::MatrixXd result = Eigen::MatrixXd::Zero(A.cols(), B.cols());
-  if (A.rows() == 0 || result.size() == 0) return result;
-  lapack::use_one_thread();
-  const auto m = static_cast<int>(A.cols()), n = static_cast<int>(B.cols()), k = static_cast<int>(A.rows());
-  if (n > few_columns) {
-    cblas_dgemm(CblasColMajor, CblasTrans, CblasNoTrans, m, n, k, 1.0, A.data(), k, B.data(), k, 0.0, result.data(), m);
-    return result;
-  }
-  in_parts(m, [&](Eigen::Index first, Eigen::Index count) {
-    for (Eigen::Index j = 0; j < n; ++j) {
-      cblas_dgemv(CblasColMajor, CblasTrans, k, static_cast<int>(count), 1.0, A.col(first).data(), k, B.col(j).data(), 1, 0.0,
-                  &result(first, j), 1);
-    }
-  });
-  return result;
-}
+Eigen::MatrixXd transposed_product(const Eigen::MatrixXd& A, const Eigen::MatrixXd& B) { return product(CblasTrans, A, B); }
 
 std::size_t DenseRows::bytes() const {
   return static_cast<std::size_t>(values_.size()) * sizeof(double) +

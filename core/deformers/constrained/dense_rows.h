@@ -11,9 +11,9 @@
 
 namespace deform {
 
-/// A B, by BLAS on one core.
+/// A B (m x k times k x n), by BLAS on one core; quick also where n is small. Any thread.
 Eigen::MatrixXd dense_product(const Eigen::MatrixXd& A, const Eigen::MatrixXd& B);
-/// A^T B, by BLAS on one core.
+/// A^T B (A is k x m, B k x n), as dense_product().
 Eigen::MatrixXd transposed_product(const Eigen::MatrixXd& A, const Eigen::MatrixXd& B);
 
 /// An N x r matrix Phi = P V of which nearly all entries are nonzero: P (N x u) is sparse, V (u x r) is stored. Immutable; any

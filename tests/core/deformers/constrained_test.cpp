@@ -149,6 +149,27 @@ TEST(Constrained, ASequenceGoesOnWhereTheLastDesignEnded) {
   }
 }
 
+/// The error of the linear solves is relative to the motion of the points, which constraints move while all handles rest.
+TEST(Constrained, TheErrorGrowsWithTheMotionOfThePoints) {
+  const auto mesh = shared(test::bumpy_sheet(31, 16));
+  Constraint away = planar(1.2, 1.6, 1e6);
+  away.kind = FixedPlane{{0, 0, 0.5}, {0, 0, 1}};
+  const deform::Setup setups[] = {energy_setups({away})[0], energy_setups({away})[1]};
+  for (deform::Setup setup : setups) {
+    const auto constrained = prepare(mesh, setup);
+    setup.constraints.clear();
+    const auto plain = prepare(mesh, setup);
+    const DesignReport linear = plain->bind({&turned, 1}, EvaluationPath::direct, {})->report(0);
+    const Design rest{std::vector<double>(setup.variables.size(), 0.0), {}};
+    const auto evaluation = constrained->bind({&rest, 1}, EvaluationPath::automatic, {});
+    const DesignReport report = evaluation->report(0);
+    EXPECT_EQ(report.prescribed_displacement, 0);
+    const double moved = distance(points_of(*evaluation, 0, mesh->point_count()), mesh->points);
+    EXPECT_GT(moved, 0.1);
+    EXPECT_GE(report.error, 0.2 * linear.error / linear.prescribed_displacement * moved) << setup.method.index();
+  }
+}
+
 /// Against solutions to a tolerance that is thousands of times as small.
 TEST(Constrained, TheErrorIsWhatIsLeftAfterTheLastStep) {
   const auto mesh = shared(test::bumpy_sheet(31, 16));

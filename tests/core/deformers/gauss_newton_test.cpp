@@ -137,6 +137,37 @@ INSTANTIATE_TEST_SUITE_P(Forms, GaussNewtonOfDenseRows,
 
 /// Held points follow no function: where more of them are held than the interpolation meets, rows of theirs would be what it
 /// misses. Points of columns follow the functions alone, held or not.
+TEST(DenseProducts, AreThoseOfAnySizes) {
+  for (const Eigen::Index k : {0, 1, 31, 32, 33, 100}) {
+    for (const Eigen::Index m : {0, 1, 7, 65}) {
+      for (const Eigen::Index n : {0, 1, 3, 4, 5, 20}) {
+        const Eigen::MatrixXd A = Eigen::MatrixXd::Random(m, k), B = Eigen::MatrixXd::Random(k, n),
+                              C = Eigen::MatrixXd::Random(m, n);
+        const Eigen::MatrixXd product = dense_product(A, B), transposed = transposed_product(A, C);
+        ASSERT_EQ(product.rows(), m);
+        ASSERT_EQ(product.cols(), n);
+        ASSERT_EQ(transposed.rows(), k);
+        ASSERT_EQ(transposed.cols(), n);
+        if (n == 0) continue;
+        for (Eigen::Index i = 0; i < m; ++i) {
+          for (Eigen::Index j = 0; j < n; ++j) {
+            double sum = 0;
+            for (Eigen::Index l = 0; l < k; ++l) sum += A(i, l) * B(l, j);
+            EXPECT_NEAR(product(i, j), sum, 1e-13) << m << " " << k << " " << n;
+          }
+        }
+        for (Eigen::Index l = 0; l < k; ++l) {
+          for (Eigen::Index j = 0; j < n; ++j) {
+            double sum = 0;
+            for (Eigen::Index i = 0; i < m; ++i) sum += A(i, l) * C(i, j);
+            EXPECT_NEAR(transposed(l, j), sum, 1e-13) << m << " " << k << " " << n;
+          }
+        }
+      }
+    }
+  }
+}
+
 TEST(DeliveredRows, HaveNoHeldPoints) {
   std::mt19937 random(6);
   std::vector<ConstraintSet> sets{plain_set(Planar{}, 10, 20, 1, random), plain_set(Planar{}, 15, 25, 1, random),
