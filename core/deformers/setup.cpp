@@ -21,6 +21,13 @@
 
 namespace deform {
 
+Setup::Setup() = default;
+Setup::Setup(const Setup& other) = default;
+Setup::Setup(Setup&& other) noexcept = default;
+Setup& Setup::operator=(const Setup& other) = default;
+Setup& Setup::operator=(Setup&& other) noexcept = default;
+Setup::~Setup() = default;
+
 double default_reduction_tolerance(Kernel kernel) { return properties(kernel).reduction_tolerance; }
 
 std::vector<std::vector<double>>* samples_of(MethodOptions& method) {

@@ -291,6 +291,14 @@ struct ConstraintOptions {
 /// The input of a system besides the mesh. Several variables that move one handle are composed in their order here (the first one
 /// is applied first).
 struct Setup {
+  // Defined in setup.cpp: their code is large, and each file that copies a setup would compile it.
+  Setup();
+  Setup(const Setup& other);
+  Setup(Setup&& other) noexcept;
+  Setup& operator=(const Setup& other);
+  Setup& operator=(Setup&& other) noexcept;
+  ~Setup();
+
   MethodOptions method;                   ///< the method and its options
   std::vector<Handle> handles;            ///< at least one of each method, whose regions are disjoint; in the order of methods
   std::vector<Region> fixed;              ///< regions of points that `method` lets stay; disjoint from its handles

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Messages of energy methods and constraints to core types, and their canonical forms.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <google/protobuf/util/json_util.h>
 #include <gtest/gtest.h>
 

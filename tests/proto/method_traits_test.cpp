@@ -2,7 +2,7 @@
 // What is read off the message of a method holds for all fields of Method, also for those that come.
 #include "proto/convert/method_traits.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <google/protobuf/descriptor.h>
 #include <gtest/gtest.h>
 

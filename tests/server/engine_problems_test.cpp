@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // EstimateRequest.list_problems: all that is wrong with a setup in one reply.
+#include <gmock/gmock-more-matchers.h>
+
 #include "tests/server/engine_fixture.h"
 #include "tests/support/expect_error.h"
 

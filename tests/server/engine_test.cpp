@@ -2,7 +2,7 @@
 // The whole engine without a network: register, prepare, deform, and what restarts and evictions do to it.
 #include "server/engine/engine.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 
 #include <algorithm>
 

@@ -2,7 +2,7 @@
 // What the server says about itself in figures.
 #include "server/rpc/metrics.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <string>

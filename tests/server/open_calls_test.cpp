@@ -2,7 +2,7 @@
 // Calls as the operator sees them, and ends them; systems evicted; the store checked beside the work.
 #include "server/engine/open_calls.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 
 #include <filesystem>
 #include <fstream>

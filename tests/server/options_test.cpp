@@ -2,7 +2,7 @@
 // deformd's options: flags over environment over file over defaults, and clear refusals.
 #include "server/options.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <filesystem>

@@ -23,7 +23,7 @@ deform_test(service_test
   LIBS deform_test_server deform_proto_health
   TIMEOUT 120)
 target_compile_definitions(service_test PRIVATE DEFORM_WITH_POSTGRES=$<BOOL:${DEFORM_WITH_POSTGRES}>)
-deform_precompile(service_test <gmock/gmock.h> <gtest/gtest.h> <tests/server/service_fixture.h>)
+deform_precompile(service_test <gmock/gmock-matchers.h> <gtest/gtest.h> <tests/server/service_fixture.h>)
 
 deform_test(evaluate_test
   SOURCES evaluate_test.cpp

@@ -8,6 +8,7 @@
 #include "core/deformers/energy/energy_system.h"
 #include "core/mesh/operators/shell_operators.h"
 #include "tests/core/deformers/energy_cases.h"
+#include "tests/support/linear_algebra.h"
 
 namespace deform {
 namespace {
@@ -96,7 +97,7 @@ Eigen::VectorXd dense_solution(const Mesh& mesh, const deform::Setup& setup, con
   std::vector<Eigen::Index> unknown, known;
   for (std::size_t i = 0; i < held.size(); ++i) (held[i] ? known : unknown).push_back(static_cast<Eigen::Index>(i));
   Eigen::VectorXd u = prescribed;
-  u(unknown) = -K(unknown, unknown).ldlt().solve(K(unknown, known) * prescribed(known));
+  u(unknown) = -test::ldlt_solution(K(unknown, unknown), K(unknown, known) * prescribed(known));
   return u;
 }
 
@@ -189,7 +190,7 @@ TEST(LeastSquaresShell, OrthogonalFactorizationAgrees) {
   };
   hold(regions.handles[0], 0.3);
   hold(regions.fixed, 0);
-  const Eigen::VectorXd expected = A.householderQr().solve(b);
+  const Eigen::VectorXd expected = test::least_squares(A, b);
   const Points got = prepare(mesh, setup)->evaluate({{}, {{0, lift(0.3)}}});
   for (std::size_t i = 0; i < got.size(); ++i) EXPECT_NEAR(got[i][2], expected[static_cast<Eigen::Index>(i)], 1e-6 * 0.3);
 }

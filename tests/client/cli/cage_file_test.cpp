@@ -2,7 +2,7 @@
 // Cages of setup files: their points and faces come from mesh files.
 #include "client/cli/setup/reading.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <unistd.h>

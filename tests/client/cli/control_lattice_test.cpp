@@ -2,7 +2,7 @@
 // Lattices of setup files: where their control points are, and files of them.
 #include "client/cli/setup/control_lattice.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <unistd.h>

@@ -2,7 +2,7 @@
 // What `deform detect` writes, read back as the other commands read it.
 #include "client/cli/output/detected_setup.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <unistd.h>

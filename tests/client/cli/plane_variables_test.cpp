@@ -2,7 +2,7 @@
 // Variables of two-dimensional files against what writing their designs makes of them.
 #include "client/cli/setup/plane_variables.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <string>

@@ -2,7 +2,7 @@
 // Setups whose lattices are refined: what they say afterwards, and that points stay where they are.
 #include "client/cli/setup/refined_setup.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <unistd.h>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Names and colours of faces in STEP files, which tell what structure and places do not: solved, which is judged by where the
 // parts are known to go, refused by name, or said and not used.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <IGESCAFControl_Writer.hxx>

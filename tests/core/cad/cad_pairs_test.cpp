@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Pairs of models whose faces are renumbered, split, merged, reversed, mirrored or missing: solved, which is judged by a
 // projection that knows nothing of partners and by what the pairs are known to be, or refused by name.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <BRepBuilderAPI_MakeEdge.hxx>

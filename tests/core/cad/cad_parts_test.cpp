@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Parts of core/cad by themselves: what read_document() finds in a STEP file, models with merged faces, regions of faces, faces
 // that cross, surfaces that fit places, and what is said of shapes that are not valid.
-#include <gmock/gmock.h>
+#include <gmock/gmock-more-matchers.h>
 #include <gtest/gtest.h>
 
 #include <BRepAlgoAPI_Cut.hxx>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // What cad-apply makes of a model is a partner of it for cad-move: the mesh lies on the new model then, and where the map takes
 // it.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <BRepPrimAPI_MakeCone.hxx>

@@ -4,13 +4,13 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
-#include <Eigen/QR>
 #include <cmath>
 #include <cstdint>
 #include <random>
 #include <vector>
 
 #include "core/constraints/projection.h"
+#include "tests/support/linear_algebra.h"
 
 // What holds for every projection, checked on given points.
 
@@ -176,8 +176,7 @@ inline void expect_linearization(const Projection& projection, const Points& x, 
   }
   Eigen::VectorXd predicted = at.residual + step * change;
   if (at.parameters.cols() > 0) {
-    const Eigen::CompleteOrthogonalDecomposition<Eigen::MatrixXd> parameters(at.parameters);
-    predicted += at.parameters * parameters.solve(Eigen::VectorXd(-predicted));
+    predicted += at.parameters * test::least_norm_solution(at.parameters, -predicted);
   }
   const double after = projected(projection, along(x, step, d), p.shape).energy;
   EXPECT_NEAR(predicted.squaredNorm(), after, error * after);

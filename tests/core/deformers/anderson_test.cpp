@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Acceleration of a linear fixed-point iteration, whose fixed point a dense solve gives.
 #include "core/deformers/constrained/anderson.h"
+#include "tests/support/linear_algebra.h"
 
 #include <gtest/gtest.h>
 
-#include <Eigen/LU>
-#include <Eigen/SVD>
+#include <Eigen/Core>
 #include <random>
 
 namespace deform {
@@ -37,13 +37,13 @@ struct Iteration {
     std::uniform_real_distribution<double> any(-1, 1);
     Eigen::MatrixXd A(size, size);
     for (double& value : A.reshaped()) value = any(random);
-    const Eigen::MatrixXd Q = A.jacobiSvd(Eigen::ComputeFullU).matrixU();
+    const Eigen::MatrixXd Q = test::thin_svd(A).U;
     M = Q * Eigen::VectorXd::LinSpaced(size, 0.5, slowest).asDiagonal() * Q.transpose();
     b.resize(size);
     for (double& value : b) value = any(random);
   }
   std::vector<Vec3> operator()(const std::vector<Vec3>& p) const { return points_from(M * flat(p) + b); }
-  Eigen::VectorXd fixed_point() const { return (Eigen::MatrixXd::Identity(M.rows(), M.cols()) - M).lu().solve(b); }
+  Eigen::VectorXd fixed_point() const { return test::lu_solution(Eigen::MatrixXd::Identity(M.rows(), M.cols()) - M, b); }
 };
 
 /// The error after so many accelerated steps from p.
@@ -93,8 +93,7 @@ TEST(Anderson, StartsAfreshWhenCleared) {
 // The rate that is reported is that of the slowest change in the window.
 TEST(Anderson, EstimatesTheRateOfTheIteration) {
   const Iteration q(3, 0.9, 6);
-  const Eigen::VectorXd slow = q.M.jacobiSvd(Eigen::ComputeFullV).matrixV().col(0),
-                        fast = q.M.jacobiSvd(Eigen::ComputeFullV).matrixV().col(2);
+  const Eigen::VectorXd slow = test::thin_svd(q.M).V.col(0), fast = test::thin_svd(q.M).V.col(2);
   Anderson window;
   Eigen::VectorXd p = Eigen::VectorXd::Zero(3);
   const auto add = [&] { return window.add(points_from(p), q(points_from(p))); };

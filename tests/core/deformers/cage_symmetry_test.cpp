@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Symmetry planes with the method cage and control CONTROLS. The references are the same cage, or with its mirror image, on the
 // whole model without planes, with a displacement for each vertex that is placed by where images of vertices lie.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>

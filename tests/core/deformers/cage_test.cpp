@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The method cage: handles move the vertices of a cage (thesis 3.4). The reference are the published formulas of mean value
 // coordinates, in long double.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
@@ -24,6 +24,7 @@
 #include "tests/core/deformers/estimate_bounds.h"
 #include "tests/core/numerics/cages.h"
 #include "tests/support/expect_error.h"
+#include "tests/support/linear_algebra.h"
 
 namespace deform {
 namespace {
@@ -338,9 +339,10 @@ TEST(CageByMesh, IsThePseudoInverse) {
       for (std::size_t k = 0; k < 12; ++k) A(row, static_cast<Eigen::Index>(k)) = values[k];
       for (std::size_t k = 0; k < 3; ++k) b(row, static_cast<Eigen::Index>(k)) = held[i].second[k];
     }
-    Eigen::JacobiSVD<Eigen::MatrixXd> svd(A, Eigen::ComputeThinU | Eigen::ComputeThinV);
-    svd.setThreshold(clamp);
-    const Eigen::MatrixXd w = svd.solve(b);
+    const test::ThinSvd<double> svd = test::thin_svd(A);
+    const Eigen::Index rank = (svd.values.array() > clamp * svd.values[0]).count();
+    const Eigen::MatrixXd w =
+        svd.V.leftCols(rank) * svd.values.head(rank).cwiseInverse().asDiagonal() * svd.U.leftCols(rank).transpose() * b;
     std::vector<Vec3> moved;
     for (Eigen::Index k = 0; k < 12; ++k) moved.push_back({w(k, 0), w(k, 1), w(k, 2)});
     const double missed = (A * w - b).rowwise().norm().maxCoeff(), farthest = w.rowwise().norm().maxCoeff();

@@ -3,7 +3,7 @@
 // its own, the second with the places to which the first took its points.
 #include "core/deformers/composed/composed_system.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>

@@ -20,6 +20,7 @@
 #include "tests/core/deformers/dense_constraints.h"
 #include "tests/core/deformers/energy_cases.h"
 #include "tests/core/deformers/estimate_bounds.h"
+#include "tests/support/linear_algebra.h"
 
 namespace deform::test {
 namespace {
@@ -251,7 +252,7 @@ TEST(DeliveredConstraints, TheBasisHasAllResponses) {
   const ReducedEnergy energy(solver, V, 0, {});
   ASSERT_EQ(energy.basis().cols(), rank);
   const Eigen::MatrixXd A = Eigen::MatrixXd(solver.matrix()).selfadjointView<Eigen::Lower>();
-  const Eigen::MatrixXd f = Eigen::MatrixXd::NullaryExpr(points, 3, value), whole = V * A.ldlt().solve(V.transpose() * f);
+  const Eigen::MatrixXd f = Eigen::MatrixXd::NullaryExpr(points, 3, value), whole = V * ldlt_solution(A, V.transpose() * f);
   Eigen::MatrixXd g = (V * energy.basis()).transpose() * f;
   energy.solve_in_place(g);
   EXPECT_LE((V * energy.extended(g, {}) - whole).norm(), 1e-11 * whole.norm());

@@ -41,7 +41,7 @@ Ball ball(const Places& x, const Kept& kept) {
     A.row(i) << 2 * p[0], 2 * p[1], 2 * p[2], 1;
     b(i, 0) = p.squaredNorm();
   }
-  const Matrix algebraic = A.colPivHouseholderQr().solve(b);
+  const Matrix algebraic = least_squares(A, b);
   Place centre = mean + algebraic.topRows(3);
   Extended radius = std::sqrt(algebraic(3, 0) + algebraic.topRows(3).squaredNorm());
   if (kept) {
@@ -54,7 +54,7 @@ Ball ball(const Places& x, const Kept& kept) {
       A.row(i) << from.transpose() / from.norm(), 1;
       b(i, 0) = from.norm() - radius;
     }
-    const Matrix change = A.leftCols(kept ? 3 : 4).colPivHouseholderQr().solve(b);
+    const Matrix change = least_squares(A.leftCols(kept ? 3 : 4), b);
     centre += change.topRows(3);
     if (!kept) radius += change(3, 0);
     if (change.norm() <= 1e-18L * radius) break;
@@ -155,7 +155,7 @@ Round RoundFit::best() const {
       A.row(i) << 2 * first.dot(d), 2 * second.dot(d), 1;
       b(i, 0) = first.dot(d) * first.dot(d) + second.dot(d) * second.dot(d);
     }
-    const Matrix c = A.colPivHouseholderQr().solve(b);
+    const Matrix c = least_squares(A, b);
     start.centre = mean + c(0, 0) * first + c(1, 0) * second;
     start.radius = std::sqrt(std::max(Extended{0}, c(2, 0) + c(0, 0) * c(0, 0) + c(1, 0) * c(1, 0)));
     if (kept_ && !kind_.cone) start.radius = *kept_;
@@ -191,7 +191,7 @@ Matrix RoundFit::step_at(const Round& at, const Place& first, const Place& secon
   if (kind_.free_angle()) free.push_back(6);
   Matrix some(rows, static_cast<Eigen::Index>(free.size()));
   for (std::size_t c = 0; c < free.size(); ++c) some.col(static_cast<Eigen::Index>(c)) = A.col(free[c]);
-  const Matrix x = some.colPivHouseholderQr().solve(b);
+  const Matrix x = least_squares(some, b);
   Matrix result = Matrix::Zero(7, 1);
   for (std::size_t c = 0; c < free.size(); ++c) result(free[c], 0) = x(static_cast<Eigen::Index>(c), 0);
   return result;
@@ -325,7 +325,7 @@ ConstrainedEquations::Solution ConstrainedEquations::solution(const std::vector<
 
 bool ConstrainedEquations::improve(Solution& result) const {
   constexpr int most_steps = 14, last_steps = 4;
-  Eigen::PartialPivLU<Matrix> newton(derivative(result.w));
+  Lu<Extended> newton(derivative(result.w));
   Quad before = -1;
   for (int step = 0; step < most_steps; ++step) {
     const Field change = solved(newton, residual(result.w));
@@ -352,7 +352,7 @@ Field ConstrainedEquations::residual(const Field& w) const {
   return r;
 }
 
-Field ConstrainedEquations::solved(const Eigen::PartialPivLU<Matrix>& lu, const Field& r) {
+Field ConstrainedEquations::solved(const Lu<Extended>& lu, const Field& r) {
   Matrix right(static_cast<Eigen::Index>(3 * r.size()), 1);
   for (Eigen::Index i = 0; i < right.rows(); ++i) {
     right(i, 0) = static_cast<Extended>(r[static_cast<std::size_t>(i / 3)][static_cast<std::size_t>(i % 3)]);
@@ -372,7 +372,7 @@ Field ConstrainedEquations::start(std::vector<Places> near) const {
     const auto n = static_cast<Eigen::Index>(3 * set.rest.size());
     add(set, Matrix::Identity(n, n), A);
   }
-  const Eigen::PartialPivLU<Matrix> lu(A);
+  const Lu<Extended> lu(A);
   Field w = drawn(lu, near);
   for (int i = 0; multipliers_ && i < more; ++i) {
     for (std::size_t t = 0; t < sets_.size(); ++t) near[t] = sets_[t].at(w);
@@ -381,7 +381,7 @@ Field ConstrainedEquations::start(std::vector<Places> near) const {
   return w;
 }
 
-Field ConstrainedEquations::drawn(const Eigen::PartialPivLU<Matrix>& lu, const std::vector<Places>& near) const {
+Field ConstrainedEquations::drawn(const Lu<Extended>& lu, const std::vector<Places>& near) const {
   Field b = b_;
   for (std::size_t t = 0; t < sets_.size(); ++t) {
     Places to = sets_[t].projected(near[t]);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
-#include <Eigen/LU>
+#include <Eigen/Core>
 #include <cstddef>
 #include <optional>
 #include <utility>
@@ -111,12 +111,12 @@ class ConstrainedEquations {
 
   Field residual(const Field& w) const;
 
-  static Field solved(const Eigen::PartialPivLU<Matrix>& lu, const Field& r);
+  static Field solved(const Lu<Extended>& lu, const Field& r);
 
   /// Every point drawn to the shape that the places near the solution have; with multipliers, where these are not the solver's,
   /// which lacks what is interpolated, some more times to those that its points then have.
   Field start(std::vector<Places> near) const;
-  Field drawn(const Eigen::PartialPivLU<Matrix>& lu, const std::vector<Places>& near) const;
+  Field drawn(const Lu<Extended>& lu, const std::vector<Places>& near) const;
 
   Matrix derivative(const Field& w) const;
 

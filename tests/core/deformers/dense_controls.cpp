@@ -1,10 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "tests/core/deformers/dense_controls.h"
 
-#include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
 #include <Eigen/LU>
-#include <Eigen/SVD>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -14,6 +12,7 @@
 #include <vector>
 
 #include "core/deformers/setup.h"
+#include "tests/support/linear_algebra.h"
 
 namespace deform::test::dense_controls {
 
@@ -183,9 +182,9 @@ Matrix damped(const Functions& functions, const std::vector<Vec3>& held, const M
     }
     for (const auto& [j, value] : rows[static_cast<std::size_t>(i)]) dense(j, 0) = 0;
   }
-  const Extended largest = Eigen::SelfAdjointEigenSolver<Matrix>(gram, Eigen::EigenvaluesOnly).eigenvalues()[m - 1];
+  const Extended largest = symmetric_eigenvalues(gram)[m - 1];
   for (Eigen::Index i = 0; i < m; ++i) gram(i, i) += damping * damping * largest;
-  const Matrix loads = gram.partialPivLu().solve(data);
+  const Matrix loads = lu_solution(gram, data);
   Matrix result = Matrix::Zero(count, data.cols());
   for (Eigen::Index i = 0; i < m; ++i) {
     for (const auto& [j, value] : rows[static_cast<std::size_t>(i)]) result.row(j) += value * loads.row(i);
@@ -200,10 +199,10 @@ Matrix manipulated(const Functions& functions, const std::vector<Vec3>& held, co
     if (i == 0) A = Matrix::Zero(static_cast<Eigen::Index>(held.size()), static_cast<Eigen::Index>(row.size()));
     for (std::size_t j = 0; j < row.size(); ++j) A(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j)) = row[j];
   }
-  const Eigen::JacobiSVD<Matrix> svd(A, Eigen::ComputeThinU | Eigen::ComputeThinV);
+  const ThinSvd<Extended> svd = thin_svd(A);
   const auto r = static_cast<Eigen::Index>(rank);
-  const Matrix parts = svd.matrixU().leftCols(r).transpose() * data;
-  return svd.matrixV().leftCols(r) * (parts.array().colwise() / svd.singularValues().head(r).array()).matrix();
+  const Matrix parts = svd.U.leftCols(r).transpose() * data;
+  return svd.V.leftCols(r) * (parts.array().colwise() / svd.values.head(r).array()).matrix();
 }
 
 }  // namespace deform::test::dense_controls

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "tests/core/deformers/dense_energy.h"
 
-#include <Eigen/LU>
+#include <Eigen/Core>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -169,7 +169,7 @@ Matrix interpolated(const std::vector<Vec3>& centres, const Matrix& misfit, cons
     A(i, m) = A(m, i) = 1;
     for (Eigen::Index k = 0; k < 3; ++k) A(i, m + 1 + k) = A(m + 1 + k, i) = x[static_cast<std::size_t>(k)];
   }
-  const Matrix X = A.partialPivLu().solve(F);
+  const Matrix X = lu_solution(A, F);
   Matrix values(static_cast<Eigen::Index>(places.size()), misfit.cols());
   for (Eigen::Index s = 0; s < values.rows(); ++s) {
     const Vec3& x = places[static_cast<std::size_t>(s)];

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
-#include <Eigen/LU>
+#include <Eigen/Core>
 #include <array>
 #include <cstddef>
 #include <cstdint>
@@ -11,6 +11,7 @@
 
 #include "core/deformers/energy/spaces/energy_space.h"
 #include "core/deformers/setup.h"
+#include "tests/support/linear_algebra.h"
 
 /// Dense solutions of the energy methods whose residuals carry twice the digits. The functions and the energies of their spaces
 /// are those of the product, which belong to the method; equations, factors, steps of the multipliers, interpolation of what
@@ -58,7 +59,7 @@ class Factor {
  private:
   const Equations& of_;
   Matrix A_;
-  Eigen::PartialPivLU<Matrix> lu_;
+  Lu<Extended> lu_;
 };
 
 /// The loads of the last step, with multipliers of several.

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "tests/core/deformers/dense_interpolant.h"
 
-#include <Eigen/LU>
+#include <Eigen/Core>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -167,7 +167,7 @@ std::vector<WideVec> DenseInterpolant::solved(int stage, const std::vector<WideV
     for (Eigen::Index i = 0; i < n; ++i) {
       for (Eigen::Index k = 0; k < 3; ++k) b(i, k) = r[static_cast<std::size_t>(i)][static_cast<std::size_t>(k)].extended();
     }
-    b = extended_.solve(b).eval();
+    b = extended_.solve(b);
     for (std::size_t i = 0; i < size_; ++i) {
       for (std::size_t k = 0; k < 3; ++k) x[i][k] = Wide::of(b(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(k)));
     }

@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
-#include <Eigen/LU>
+#include <Eigen/Core>
 #include <cstddef>
 #include <vector>
 
 #include "core/numerics/kernels/kernel.h"
 #include "tests/core/deformers/wide.h"
+#include "tests/support/linear_algebra.h"
 
 namespace deform::test {
 
@@ -59,7 +60,7 @@ class DenseInterpolant {
   int stage_ = 0, factored_ = -1;
   std::vector<double> doubles_;
   std::vector<int> pivots_;
-  Eigen::PartialPivLU<Extended> extended_;
+  Lu<long double> extended_;
   std::vector<Wide> wides_;
   std::vector<std::size_t> rows_;
 };

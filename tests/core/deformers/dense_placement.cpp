@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "tests/core/deformers/dense_placement.h"
 
-#include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
 #include <Eigen/LU>
@@ -74,7 +73,7 @@ Shape::Shape(const PlacedSet& of, const Places& y) : of_(of), kind_(of.set.kind)
       A.row(i) << 2 * p[0], 2 * p[1], 2 * p[2], 1;
       b(i, 0) = p.squaredNorm();
     }
-    const Matrix c = A.colPivHouseholderQr().solve(b);
+    const Matrix c = least_squares(A, b);
     centre_ += c.topRows(3);
     radius_ = (on[0] - centre_).norm();
     return;
@@ -246,10 +245,10 @@ bool Placement::run(Places& y) {
     for (std::size_t m = 0; m < moving_.size(); ++m) {
       g.block(static_cast<Eigen::Index>(3 * m), 0, 3, 1) = x_[moving_[m]] - y[moving_[m]];
     }
-    g -= J.transpose() * f;
-    Matrix H = weight * J.transpose() * J;
+    g -= product(J.transpose(), f);
+    Matrix H = weight * product(J.transpose(), J);
     for (Eigen::Index i = 0; i < H.rows(); ++i) H(i, i) += i < points_end() ? 1 : 1e-12L;
-    const Matrix d = H.ldlt().solve(g);
+    const Matrix d = ldlt_solution(H, g);
     const Extended length = d.topRows(points_end()).norm();
     if (!std::isfinite(static_cast<double>(length)) || length > 2 * size_) return false;
     for (std::size_t m = 0; m < moving_.size(); ++m) y[moving_[m]] += d.block(static_cast<Eigen::Index>(3 * m), 0, 3, 1);
@@ -277,7 +276,7 @@ Places carried(const Places& centres, const Places& steps, const Places& at) {
     A(i, m) = A(m, i) = 1;
     F.row(i) = steps[static_cast<std::size_t>(i)].transpose();
   }
-  const Matrix X = A.partialPivLu().solve(F);
+  const Matrix X = lu_solution(A, F);
   Places values;
   for (const Place& p : at) {
     Place value = X.row(m).transpose();

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Symmetry planes with the method ffd and control CONTROLS. The references are triple sums over the control points of the whole
 // model, whose displacements are placed by where the images of control points lie.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>

@@ -17,6 +17,7 @@
 #include "tests/core/deformers/energy_cases.h"
 #include "tests/core/deformers/estimate_bounds.h"
 #include "tests/support/expect_error.h"
+#include "tests/support/linear_algebra.h"
 
 namespace deform {
 namespace {
@@ -94,7 +95,7 @@ TEST(FfdByEnergy, SoftHandlesAreTheNormalEquations) {
   };
   hold(regions.handles[0], test::turn_and_shift());
   hold(regions.fixed, identity_affine);
-  const Eigen::MatrixXd w = A.ldlt().solve(b);
+  const Eigen::MatrixXd w = test::ldlt_solution(A, b);
   const Points got = prepare(mesh, setup)->evaluate(turned);
   for (std::size_t i = 0; i < got.size(); ++i) {
     const Eigen::RowVector3d u = row_of(static_cast<PointId>(i)) * w;
@@ -285,7 +286,7 @@ TEST(Ffd, RefusesBadOptions) {
 /// The matrix of eq. 3.5 and its singular value decomposition by Jacobi rotations, which share nothing with what is tested.
 struct Dense {
   Eigen::MatrixXd Phi;
-  Eigen::JacobiSVD<Eigen::MatrixXd> svd;
+  test::ThinSvd<double> svd;
   Dense(const Mesh& mesh, const FfdOptions& options, const std::vector<PointId>& held) {
     const Lattice lattice = lattice_of(options.lattice, mesh);
     Phi = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(held.size()), static_cast<Eigen::Index>(lattice.size()));
@@ -294,14 +295,13 @@ struct Dense {
         Phi(static_cast<Eigen::Index>(j), static_cast<Eigen::Index>(p)) = weight;
       });
     }
-    svd.compute(Phi, Eigen::ComputeThinU | Eigen::ComputeThinV);
+    svd = test::thin_svd(Phi);
   }
   Eigen::MatrixXd solve(const Eigen::MatrixXd& h, double clamp) const {
-    const Eigen::VectorXd& s = svd.singularValues();
+    const Eigen::VectorXd& s = svd.values;
     Eigen::Index rank = 1;
     while (rank < s.size() && s[rank] > clamp * s[0]) ++rank;
-    return svd.matrixV().leftCols(rank) * s.head(rank).cwiseInverse().asDiagonal() *
-           (svd.matrixU().leftCols(rank).transpose() * h);
+    return svd.V.leftCols(rank) * s.head(rank).cwiseInverse().asDiagonal() * (svd.U.leftCols(rank).transpose() * h);
   }
 };
 
@@ -368,8 +368,8 @@ TEST(ClampedInverse, IsThePseudoInverse) {
 /// their vectors is as uncertain as these, and what it has elsewhere, met or missed, is not.
 TEST(ClampedInverse, CountsAPairAtTheClampWhereItMatters) {
   const Eigen::Index m = 12, k = 6;
-  const Eigen::MatrixXd Q = Eigen::HouseholderQR<Eigen::MatrixXd>(random_matrix(m, m, 3)).householderQ();
-  const Eigen::MatrixXd P = Eigen::HouseholderQR<Eigen::MatrixXd>(random_matrix(k, k, 4)).householderQ();
+  const Eigen::MatrixXd Q = test::orthogonal_of(random_matrix(m, m, 3));
+  const Eigen::MatrixXd P = test::orthogonal_of(random_matrix(k, k, 4));
   const double pair = 1e-3, gap = 1e-10;
   Eigen::VectorXd values(k);
   values << 1, 0.5, pair * (1 + gap), pair, 1e-5, 1e-6;
@@ -562,14 +562,14 @@ TEST(DampedInverse, IsTheDampedSolution) {
     }
     for (double& value : h.reshaped()) value = normal(random);
     for (double& value : g.reshaped()) value = normal(random);
-    const double largest = Eigen::JacobiSVD<Eigen::MatrixXd>(phi).singularValues()[0];
+    const double largest = test::thin_svd(phi).values[0];
     for (const double damping : {1e-1, 1e-3, 1e-5}) {
       SCOPED_TRACE(testing::Message() << static_cast<int>(basis) << " " << damping);
       const DampedInverse inverse(*made.rows, held, {damping, {}, {{Eigen::MatrixXd::Identity(k, k).sparseView()}, 0}}, {});
       Eigen::MatrixXd damped(m + k, k), right = Eigen::MatrixXd::Zero(m + k, 3);
       damped << phi, damping * largest * Eigen::MatrixXd::Identity(k, k);
       right.topRows(m) = h;
-      const Eigen::MatrixXd expected = damped.colPivHouseholderQr().solve(right), got = inverse.solve(h);
+      const Eigen::MatrixXd expected = test::least_squares(damped, right), got = inverse.solve(h);
       const double size = expected.cwiseAbs().maxCoeff();
       EXPECT_LT((got - expected).cwiseAbs().maxCoeff(), 1e-9 * size);
       for (Eigen::Index c = 0; c < 3; ++c) {

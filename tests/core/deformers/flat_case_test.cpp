@@ -2,7 +2,7 @@
 // Meshes that are one cell thick between patches of type "empty" stay in their plane.
 #include "core/deformers/handles/flat_case.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <cmath>

@@ -12,6 +12,7 @@
 
 #include "core/constraints/constraint.h"
 #include "core/deformers/constrained/global_step.h"
+#include "tests/support/linear_algebra.h"
 
 namespace deform {
 namespace {
@@ -48,17 +49,17 @@ Eigen::MatrixXd dense_inverse(const Eigen::MatrixXd& S, const Eigen::MatrixXd& p
       }
     }
     if (linear.parameters.cols() > 0) {
-      const Eigen::JacobiSVD<Eigen::MatrixXd> svd(linear.parameters, Eigen::ComputeThinU);
-      Eigen::MatrixXd U = svd.matrixU();
+      const test::ThinSvd<double> svd = test::thin_svd(linear.parameters);
+      Eigen::MatrixXd U = svd.U;
       for (Eigen::Index j = 0; j < U.cols(); ++j) {
-        if (svd.singularValues()[j] < 1e-9 * svd.singularValues()[0]) U.col(j).setZero();
+        if (svd.values[j] < 1e-9 * svd.values[0]) U.col(j).setZero();
       }
       J -= U * (U.transpose() * J);
     }
     H += sets[t].weight / static_cast<double>(n) * J.transpose() * J;
     first += n;
   }
-  const Eigen::VectorXd x = H.ldlt().solve(Eigen::Map<const Eigen::VectorXd>(b.data(), b.size()));
+  const Eigen::VectorXd x = test::ldlt_solution(H, Eigen::Map<const Eigen::VectorXd>(b.data(), b.size()));
   return Eigen::Map<const Eigen::MatrixXd>(x.data(), r, 3);
 }
 
@@ -127,7 +128,7 @@ TEST_P(GaussNewtonOfDenseRows, IsTheDenseInverse) {
   const Eigen::MatrixXd S = Eigen::MatrixXd(problem.energy).selfadjointView<Eigen::Lower>();
   const Eigen::MatrixXd expected = dense_inverse(S, rows, sets, at, shapes, b);
   EXPECT_LE((matrix->inverse(b) - expected).norm(), 1e-6 * expected.norm());
-  const Eigen::MatrixXd of_energy = S.ldlt().solve(b);
+  const Eigen::MatrixXd of_energy = test::ldlt_solution(S, b);
   EXPECT_GE((of_energy - expected).norm(), 0.1 * expected.norm()) << "the sets count";
 }
 

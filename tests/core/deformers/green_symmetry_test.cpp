@@ -2,7 +2,7 @@
 // Green coordinates of cages in half models and sectors. The references are the whole cages, made here triangle by triangle from
 // the places of their vertices, on the model without planes and with a displacement for each vertex; and their layer potentials
 // in extended precision.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>

@@ -13,6 +13,7 @@
 #include "core/constraints/constraint.h"
 #include "core/deformers/methods.h"
 #include "tests/core/deformers/energy_cases.h"
+#include "tests/support/linear_algebra.h"
 
 namespace deform::test {
 namespace {
@@ -58,11 +59,11 @@ TEST(HeldMisfit, OfAPlaneIsThatOfThePlaneThroughTheHeldPoints) {
     const Cloud of = cloud(seed);
     const Eigen::MatrixXd x = held_rows(of.points, of.held);
     const Eigen::MatrixXd d = x.rowwise() - x.colwise().mean();
-    const Eigen::JacobiSVD<Eigen::MatrixXd> svd(d, Eigen::ComputeThinV);
+    const ThinSvd<double> svd = thin_svd(d);
     const Projection::Misfit got = misfit_of(Planar{}, of);
     EXPECT_EQ(got.count, of.points.size());
-    EXPECT_NEAR(std::sqrt(got.squares), svd.singularValues()[2], 1e-4 * svd.singularValues()[2]) << seed;
-    EXPECT_NEAR(got.largest, (d * svd.matrixV().col(2)).cwiseAbs().maxCoeff(), 0.02 * got.largest) << seed;
+    EXPECT_NEAR(std::sqrt(got.squares), svd.values[2], 1e-4 * svd.values[2]) << seed;
+    EXPECT_NEAR(got.largest, (d * svd.V.col(2)).cwiseAbs().maxCoeff(), 0.02 * got.largest) << seed;
   }
 }
 
@@ -72,7 +73,7 @@ TEST(HeldMisfit, IsFoundWhereFewPointsAreHeld) {
   for (std::size_t i = 0; i < of.held.size(); ++i) of.held[i] = i % 120 == 0 ? 1 : 0;
   const Eigen::MatrixXd x = held_rows(of.points, of.held);
   const Eigen::MatrixXd d = x.rowwise() - x.colwise().mean();
-  const double expected = Eigen::JacobiSVD<Eigen::MatrixXd>(d).singularValues()[2];
+  const double expected = thin_svd(d).values[2];
   EXPECT_NEAR(std::sqrt(misfit_of(Planar{}, of).squares), expected, 0.02 * expected);
 }
 
@@ -89,10 +90,10 @@ TEST(HeldMisfit, OfARigidSetIsThatOfTheBestMotionOfTheHeldPoints) {
   const Cloud of = cloud(9);
   const Eigen::MatrixXd from = held_rows(of.rest, of.held), to = held_rows(of.points, of.held);
   const Eigen::MatrixXd a = from.rowwise() - from.colwise().mean(), b = to.rowwise() - to.colwise().mean();
-  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(a.transpose() * b, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  const ThinSvd<double> svd = thin_svd(a.transpose() * b);
   Eigen::Matrix3d sign = Eigen::Matrix3d::Identity();
-  sign(2, 2) = (svd.matrixU() * svd.matrixV().transpose()).determinant() < 0 ? -1 : 1;
-  const double expected = (a * (svd.matrixU() * sign * svd.matrixV().transpose()) - b).norm();
+  sign(2, 2) = (svd.U * svd.V.transpose()).determinant() < 0 ? -1 : 1;
+  const double expected = (a * (svd.U * sign * svd.V.transpose()) - b).norm();
   EXPECT_NEAR(std::sqrt(misfit_of(Rigid{}, of).squares), expected, 1e-3 * expected);
 }
 
@@ -166,7 +167,7 @@ TEST(HeldMisfit, IsToldWithWhatHolds) {
   EXPECT_EQ(report.constraints[0].held.size(), entries);
   const Eigen::MatrixXd x = held_rows(of.points, of.held);
   const Eigen::MatrixXd d = x.rowwise() - x.colwise().mean();
-  const double expected = Eigen::JacobiSVD<Eigen::MatrixXd>(d).singularValues()[2];
+  const double expected = thin_svd(d).values[2];
   ASSERT_TRUE(report.constraints[0].held_misfit.has_value());
   const double rms = expected / std::sqrt(static_cast<double>(of.points.size()));
   EXPECT_NEAR(report.constraints[0].held_misfit->rms, rms, 1e-3 * rms);

@@ -2,17 +2,17 @@
 // Half models with constraints: against whole ones that are made here, and shapes measured on what is delivered.
 #include "core/deformers/mirrored_constraints.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <Eigen/Core>
-#include <Eigen/SVD>
 #include <cmath>
 #include <string>
 #include <vector>
 
 #include "tests/core/deformers/mirrored_sheet.h"
 #include "tests/support/expect_error.h"
+#include "tests/support/linear_algebra.h"
 
 namespace deform {
 namespace {
@@ -52,8 +52,7 @@ double off_plane(const std::vector<Vec3>& points) {
     for (std::size_t k = 0; k < 3; ++k) x(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(k)) = points[i][k];
   }
   x.rowwise() -= x.colwise().mean().eval();
-  const Eigen::JacobiSVD<Eigen::MatrixXd> svd(x, Eigen::ComputeThinV);
-  return (x * svd.matrixV().col(2)).cwiseAbs().maxCoeff();
+  return (x * test::thin_svd(x).V.col(2)).cwiseAbs().maxCoeff();
 }
 
 TEST(MirroredConstraints, AreThoseOfTheWholeModel) {

@@ -2,7 +2,7 @@
 // Symmetry planes with every method: half models against whole ones that are made here, face by face.
 #include "core/deformers/mirrored_system.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <random>

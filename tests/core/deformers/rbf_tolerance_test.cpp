@@ -19,6 +19,7 @@
 #include "core/numerics/interpolation/dense_interpolator.h"
 #include "tests/core/deformers/mirrored.h"
 #include "tests/core/deformers/shapes.h"
+#include "tests/support/linear_algebra.h"
 #include "tests/support/long_tests.h"
 
 namespace deform {
@@ -224,7 +225,7 @@ MatrixXd extended_solution(Case& problem) {
     for (Index j = 0; j <= i; ++j) A(i, j) = A(j, i) = phi(given.kernel, x, given.centres[static_cast<std::size_t>(j)]);
     for (Index t = 0; t < q; ++t) A(i, m + t) = A(m + t, i) = monomial(x, t);
   }
-  const ExtendedMatrix X = A.partialPivLu().solve(right);
+  const ExtendedMatrix X = test::lu_solution(A, right);
   MatrixXd result(static_cast<Index>(given.places.size()), 3);
   for (Index i = 0; i < result.rows(); ++i) {
     const Vec3& x = given.places[static_cast<std::size_t>(i)];

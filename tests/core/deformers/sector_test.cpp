@@ -2,7 +2,7 @@
 // Sectors of wheels: they deform as the whole wheel does, periodic boundaries stay periodic, and what does not fit is refused.
 #include "core/deformers/handles/sector.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <cmath>

@@ -2,11 +2,12 @@
 // How far solutions of the energy methods may be off, against dense solutions in extended precision.
 #include <gtest/gtest.h>
 
-#include <Eigen/LU>
+#include <Eigen/Core>
 #include <cmath>
 #include <random>
 
 #include "core/deformers/constrained/energy_solver.h"
+#include "tests/support/linear_algebra.h"
 
 namespace deform {
 namespace {
@@ -47,17 +48,18 @@ Matrix reference(const EnergySolver::Problem& problem, const Eigen::MatrixXd& h)
   Matrix K = lower.selfadjointView<Eigen::Lower>();
   const Matrix B = Eigen::MatrixXd(problem.coupling).cast<long double>().transpose();
   const Matrix H = h.cast<long double>();
-  if (problem.enforcement == HandleEnforcement::eliminated) return K.partialPivLu().solve(B.transpose() * H);
+  if (problem.enforcement == HandleEnforcement::eliminated) return test::lu_solution(K, test::product(B.transpose(), H));
   if (problem.enforcement == HandleEnforcement::soft) {
     const Matrix W = problem.weights.cast<long double>().asDiagonal();
-    return (K + B.transpose() * W * B).partialPivLu().solve(B.transpose() * W * H);
+    return test::lu_solution(K + test::product(test::product(B.transpose(), W), B),
+                             test::product(test::product(B.transpose(), W), H));
   }
   const Matrix W = problem.weights.cast<long double>().asDiagonal();
-  const Eigen::PartialPivLU<Matrix> factor(K + B.transpose() * W * B);
+  const Matrix weighted = test::product(B.transpose(), W), A = K + test::product(weighted, B);
   Matrix u = H, w;
   for (int step = 0; step < EnergySolver::multiplier_steps; ++step) {
-    w = factor.solve(B.transpose() * W * u);
-    u += H - B * w;
+    w = test::lu_solution(A, test::product(weighted, u));
+    u += H - test::product(B, w);
   }
   return w;
 }
@@ -114,7 +116,7 @@ TEST(MultiplierSteps, ComeToTheConstrainedMinimum) {
     saddle.topRightCorner(unknowns, held) = B.transpose();
     saddle.bottomLeftCorner(held, unknowns) = B;
     right.bottomRows(held) = h.cast<long double>();
-    const Matrix exact = saddle.partialPivLu().solve(right).topRows(unknowns);
+    const Matrix exact = test::lu_solution(saddle, right).topRows(unknowns);
     const auto off = static_cast<double>((w.cast<long double>() - exact).cwiseAbs().maxCoeff() / exact.cwiseAbs().maxCoeff());
     EXPECT_LT(off, 2e-9) << seed;  // 3e-10 is the worst of these
   }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // NGON_n and NFACE_n of CGNS files made by libcgns, in the layouts of CGNS 3 and 4.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include "core/io/mesh_file.h"

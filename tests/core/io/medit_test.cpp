@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Medit: a cube with a pyramid on top and two tetrahedra beside it, surface elements on the boundary and inside.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include "core/io/mesh_file.h"

@@ -2,7 +2,7 @@
 // Every shared CGNS and Exodus mesh: read with the counts and qualities that are published with it, written back undeformed byte
 // for byte, and deformed with nothing but coordinates changed.
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>

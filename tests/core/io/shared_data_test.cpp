@@ -2,7 +2,7 @@
 // Every shared surface, Medit and OpenFOAM mesh: read with the counts that are published with it, written back undeformed byte
 // for byte, and deformed with nothing but coordinates changed.
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 #include <unistd.h>
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Every shared Gmsh mesh and Abaqus deck: read with the counts that are published with it, written back undeformed byte for byte,
 // and deformed with nothing but coordinates changed.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Every shared SU2, VTK and VTU mesh: counts and quality that are published with it, written back undeformed byte for byte, and
 // deformed with the same cells.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>

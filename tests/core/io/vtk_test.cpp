@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Legacy VTK: a cube under a wedge with surface cells on and between them, in every version and form; surfaces, lattices,
 // quadratic cells, polyhedra.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <bit>

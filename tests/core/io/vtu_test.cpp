@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // VTK's XML files: one tetrahedron and a face of it, in every kind of storage; files of several pieces, polyhedra, surfaces.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 #include <zlib.h>
 

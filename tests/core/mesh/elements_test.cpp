@@ -2,7 +2,7 @@
 // Shapes of all element types and the faces of their boundary.
 #include "core/mesh/elements.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <map>

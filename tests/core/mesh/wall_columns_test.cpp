@@ -2,7 +2,7 @@
 // Columns of cells on walls: every kind of cell that stands on a face, by its nodes and by its faces, and what ends a column.
 #include "core/mesh/wall_columns.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>

@@ -2,7 +2,7 @@
 // Parts whose planes, cylinders, spheres and cones are known by construction.
 #include "core/constraints/detection/detect.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
