@@ -1,13 +1,10 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // What is said of memory against what is allocated: caches and budgets go by it. Every allocation of the process is counted.
 #include <gtest/gtest.h>
-#include <malloc.h>
 
 #include <algorithm>
-#include <atomic>
 #include <cstddef>
 #include <memory>
-#include <new>
 #include <string>
 #include <utility>
 #include <vector>
@@ -18,44 +15,7 @@
 #include "tests/core/deformers/mirrored.h"
 #include "tests/core/deformers/space_cases.h"
 #include "tests/core/numerics/cages.h"
-
-namespace {
-
-std::atomic<std::size_t> allocated{0}, most_allocated{0};
-
-void* counted(void* block) {
-  if (block == nullptr) return nullptr;
-  const std::size_t now = allocated += malloc_usable_size(block);
-  for (std::size_t most = most_allocated; now > most && !most_allocated.compare_exchange_weak(most, now);) {
-  }
-  return block;
-}
-
-void* forgotten(void* block) {
-  if (block != nullptr) allocated -= malloc_usable_size(block);
-  return block;
-}
-
-}  // namespace
-
-extern "C" {
-void* __libc_malloc(std::size_t size);                           // NOLINT: names of the C library
-void* __libc_calloc(std::size_t count, std::size_t size);        // NOLINT
-void* __libc_realloc(void* block, std::size_t size);             // NOLINT
-void* __libc_memalign(std::size_t alignment, std::size_t size);  // NOLINT
-void __libc_free(void* block);                                   // NOLINT
-
-void* malloc(std::size_t size) { return counted(__libc_malloc(size)); }
-void* calloc(std::size_t count, std::size_t size) { return counted(__libc_calloc(count, size)); }
-void* realloc(void* block, std::size_t size) { return counted(__libc_realloc(forgotten(block), size)); }
-void* memalign(std::size_t alignment, std::size_t size) { return counted(__libc_memalign(alignment, size)); }
-void* aligned_alloc(std::size_t alignment, std::size_t size) { return counted(__libc_memalign(alignment, size)); }
-int posix_memalign(void** block, std::size_t alignment, std::size_t size) {
-  *block = counted(__libc_memalign(alignment, size));
-  return *block == nullptr ? 12 : 0;
-}
-void free(void* block) { __libc_free(forgotten(block)); }
-}
+#include "tests/support/counted_allocations.h"
 
 namespace deform {
 namespace {
@@ -64,17 +24,6 @@ using test::box;
 using test::shared;
 
 constexpr double few_bytes = 20'000;  // of names, notes and small vectors
-
-/// What is allocated from its beginning.
-class Counter {
- public:
-  Counter() : begin_(allocated) { most_allocated = begin_; }
-  std::size_t kept() const { return allocated - begin_; }
-  std::size_t most() const { return most_allocated - begin_; }
-
- private:
-  const std::size_t begin_;
-};
 
 struct Case {
   std::string name;
@@ -236,7 +185,7 @@ TEST_P(MemoryTest, OfSystems) {
   const Case& c = GetParam();
   prepare(c.mesh, c.setup, one_thread_);  // what is made once, by libraries as well
   const Estimate told = estimate(*c.mesh, c.setup);
-  const Counter counter;
+  const test::CountedAllocations counter;
   const auto system = prepare(c.mesh, c.setup, one_thread_);
   const auto kept = static_cast<double>(counter.kept()), most = static_cast<double>(counter.most());
   const double of_points = 40 * static_cast<double>(c.mesh->point_count());  // their regions and ranks, as if all were held
@@ -256,7 +205,7 @@ TEST_P(DesignMemoryTest, OfDesigns) {
   const auto system = prepare(c.mesh, c.setup, one_thread_);
   const Design chosen = design();
   system->bind({&chosen, 1}, EvaluationPath::direct, one_thread_);
-  const Counter counter;
+  const test::CountedAllocations counter;
   system->bind({&chosen, 1}, EvaluationPath::direct, one_thread_);
   const auto most = static_cast<double>(counter.most()), told = static_cast<double>(system->info().design_bytes);
   EXPECT_GE(told, most);
