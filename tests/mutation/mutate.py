@@ -35,7 +35,7 @@ TESTS = {
              "cages_shared_data_test"],
     "quality": ["quality_test", "quality_shared_data_test"],
     "measures": ["measures_test", "measures_shared_data_test"],
-    "numerics": ["numerics_test", "sparse_test", "cyclic_test"],
+    "numerics": ["numerics_test", "sparse_test", "cyclic_test", "numerics_memory_test"],
     "io": ["io_test", "containers_test", "io_shared_data_test", "io_shared_grids_test", "shared_containers_test"],
     "constraints": ["constraints_test", "detection_test", "detection_shared_data_test"],
     "deformers": ["deformers_test", "rbf_test", "basis_test", "energy_test", "ffd_test", "mls_space_test", "compiled_form_test",
