@@ -33,7 +33,7 @@ TESTS = {
     "compiled": ["compiled_test"],
     "mesh": ["mesh_test", "surface_mesh_test", "remeshing_test", "cages_test", "mesh_shared_data_test", "remeshing_shared_data_test",
              "cages_shared_data_test"],
-    "quality": ["quality_test", "quality_shared_data_test"],
+    "quality": ["quality_test", "quality_memory_test", "quality_shared_data_test"],
     "measures": ["measures_test", "measures_shared_data_test"],
     "numerics": ["numerics_test", "sparse_test", "cyclic_test", "numerics_memory_test"],
     "io": ["io_test", "containers_test", "io_shared_data_test", "io_shared_grids_test", "shared_containers_test"],
