@@ -477,6 +477,21 @@ TEST(FlippedFaces, WhereThreeSheetsMeet) {
   EXPECT_EQ(flipped_ids(rest, points), expected);
 }
 
+/// Far from the origin a face of no width has an area of rounding, whose direction means nothing.
+TEST(FlippedFaces, FacesOfNoWidthAreIgnoredFarFromTheOriginToo) {
+  Mesh rest = unit_sheet(6, Faces::quads);
+  const auto n = static_cast<PointId>(rest.points.size());
+  for (const double t : {0.1, 0.23, 0.37}) rest.points.push_back({t, 0.3 * t, 0.7 * t});
+  add_face(rest, {n, n + 1, n + 2});
+  for (Vec3& p : rest.points) p = {p[0] + 1e5 / 3, p[1] - 2e5 / 3, p[2] + 1e5 / 7};
+  Points moved = rest.points;
+  for (Vec3& p : moved) p = {p[0] + 0.1 * (p[2] - 1e5 / 7), p[1] + 1.0 / 3, p[2] - 0.2 * (p[0] - 1e5 / 3)};
+  for (const double up : {0.0, 1e-11, -1e-11, 3e-11, -3e-11}) {
+    moved[n + 1][2] += up;
+    EXPECT_EQ(flipped_ids(rest, moved), Ids{}) << up;
+  }
+}
+
 TEST(FlippedFaces, RefusesOtherNumbersOfPointsAndBearsAnything) {
   const Mesh rest = unit_sheet(4, Faces::quads);
   const FlipCheck check(rest, rest.points);
