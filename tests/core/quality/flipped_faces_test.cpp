@@ -5,9 +5,11 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
 #include <numeric>
 #include <random>
 
+#include "core/base/vectors.h"
 #include "tests/core/quality/surface_meshes.h"
 #include "tests/support/expect_error.h"
 
@@ -479,16 +481,17 @@ TEST(FlippedFaces, WhereThreeSheetsMeet) {
 
 /// Far from the origin a face of no width has an area of rounding, whose direction means nothing.
 TEST(FlippedFaces, FacesOfNoWidthAreIgnoredFarFromTheOriginToo) {
-  Mesh rest = unit_sheet(6, Faces::quads);
-  const auto n = static_cast<PointId>(rest.points.size());
-  for (const double t : {0.1, 0.23, 0.37}) rest.points.push_back({t, 0.3 * t, 0.7 * t});
-  add_face(rest, {n, n + 1, n + 2});
-  for (Vec3& p : rest.points) p = {p[0] + 1e5 / 3, p[1] - 2e5 / 3, p[2] + 1e5 / 7};
-  Points moved = rest.points;
-  for (Vec3& p : moved) p = {p[0] + 0.1 * (p[2] - 1e5 / 7), p[1] + 1.0 / 3, p[2] - 0.2 * (p[0] - 1e5 / 3)};
-  for (const double up : {0.0, 1e-11, -1e-11, 3e-11, -3e-11}) {
-    moved[n + 1][2] += up;
-    EXPECT_EQ(flipped_ids(rest, moved), Ids{}) << up;
+  for (const double away : {0.0, 5e4}) {
+    Mesh rest = unit_sheet(6, Faces::quads);
+    for (Vec3& p : rest.points) p = p + Vec3{away, away, away};
+    // On the edge of the first face, up to rounding: its corners are 0, 1, 8 and 7.
+    const auto middle = static_cast<PointId>(rest.points.size());
+    const double width = away == 0 ? 1e-11 : 4 * (std::nextafter(away, HUGE_VAL) - away);
+    rest.points.push_back(0.5 * (rest.points[0] + rest.points[1]) - Vec3{0, width, 0});
+    add_face(rest, {0, middle, 1});
+    Points moved = rest.points;
+    moved[middle][1] += 2 * width;
+    EXPECT_EQ(flipped_ids(rest, moved), away == 0 ? Ids{36} : Ids{}) << away;
   }
 }
 
