@@ -359,7 +359,7 @@ TEST(Reduction, KeepsTheWallsOfVolumes) {
   EXPECT_EQ(inside, 31U * 31U);
 }
 
-/// Of more points than are compared the worst ones count, wherever they stand; each new centre is apart from those before.
+/// The worst of more points than are compared count, wherever they stand; each new centre is apart from those before.
 TEST(Reduction, TheMostMissedOfManyAreTheWorst) {
   Mesh mesh;
   std::vector<PointId> ids;

@@ -185,7 +185,7 @@ TEST(IterativeInterpolator, NotConvergingIsAResult) {
   EXPECT_LT(solution.residual, 1e-6);
 }
 
-// Of the last column, noise, much more is left than of the first, which is smooth.
+// Much more is left of the last column, noise, than of the first, which is smooth.
 TEST(IterativeInterpolator, TellsWhatIsLeftOfEachColumn) {
   const std::vector<Vec3> centres = sphere(1200);
   const IterativeInterpolator system(centres, {}, {});
