@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <memory>
 #include <string>
@@ -10,6 +11,7 @@
 #include <vector>
 
 #include "core/base/parallel.h"
+#include "core/deformers/space_map.h"
 #include "core/deformers/system.h"
 #include "tests/core/deformers/energy_cases.h"
 #include "tests/core/deformers/mirrored.h"
@@ -198,6 +200,28 @@ TEST_P(MemoryTest, OfSystems) {
   EXPECT_LE(static_cast<double>(told.peak_bytes), c.peak * most + of_points + of_threads);
 }
 
+class SpaceMemoryTest : public MemoryTest {};
+
+TEST_P(SpaceMemoryTest, OfMapsOfSpace) {
+  const Case& c = GetParam();
+  const auto system = prepare(c.mesh, c.setup, one_thread_);
+  const Design chosen = design();
+  std::vector<Vec3> places;
+  for (std::size_t i = 0; i < 12'000; ++i) {
+    const auto t = static_cast<double>(i);
+    places.push_back({2 * std::fmod(0.618 * t, 1.0), std::fmod(0.413 * t, 1.0), 0.2 * std::fmod(0.277 * t, 1.0)});
+  }
+  std::vector<Vec3> out(places.size());
+  system->bind_in_space(chosen, one_thread_)->evaluate(places, 0, out, one_thread_);
+  const System::SpaceBytes told = system->space_bytes(places.size());
+  const auto map = system->bind_in_space(chosen, one_thread_);
+  const test::CountedAllocations counter;
+  map->evaluate(places, 0, out, one_thread_);
+  const auto most = static_cast<double>(counter.most());
+  EXPECT_GE(static_cast<double>(told.call) + 400'000, most) << "but for what a thread works with, whatever the number of places";
+  EXPECT_LE(static_cast<double>(told.call), (c.name.starts_with("rbf_iterative") ? 17 : 1.5) * most);
+}
+
 class DesignMemoryTest : public MemoryTest {};
 
 TEST_P(DesignMemoryTest, OfDesigns) {
@@ -218,8 +242,20 @@ std::vector<Case> cases_with_constraints() {
   return cases;
 }
 
+std::vector<Case> cases_in_space() {
+  std::vector<Case> cases = all_cases();
+  std::erase_if(cases, [](const Case& c) {
+    for (const char* name : {"shell", "triharmonic", "wendland", "composed", "subspace", "half_of_1"}) {
+      if (c.name.starts_with(name)) return true;
+    }
+    return false;
+  });
+  return cases;
+}
+
 const auto name_of_case = [](const auto& tested) { return tested.param.name; };
 INSTANTIATE_TEST_SUITE_P(All, MemoryTest, testing::ValuesIn(all_cases()), name_of_case);
+INSTANTIATE_TEST_SUITE_P(InSpace, SpaceMemoryTest, testing::ValuesIn(cases_in_space()), name_of_case);
 INSTANTIATE_TEST_SUITE_P(Constrained, DesignMemoryTest, testing::ValuesIn(cases_with_constraints()), name_of_case);
 
 }  // namespace

@@ -461,6 +461,7 @@ TEST(Splitting, BudgetAndEstimate) {
   EXPECT_GT(estimate.peak_bytes, deform::estimate(*problem.mesh, problem.setup).factor_bytes);
   EXPECT_GT(estimate.seconds, 0);
   EXPECT_FALSE(estimate.notes.empty());
+  EXPECT_EQ(estimate.basis_bytes, 0u) << "steps after the first have no use for a basis";
   problem.system = prepare(problem.mesh, problem.setup);
   problem.memory_budget = estimate.peak_bytes + 100;
   EXPECT_TRUE(evaluate_split(problem, design).inversion_free);
