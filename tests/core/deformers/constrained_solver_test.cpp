@@ -32,7 +32,7 @@ class ConstrainedSolverTest : public testing::Test {
     return Eigen::MatrixXd::NullaryExpr(rows, columns, [&] { return value(); });
   }
 
-  /// Of points near a shape.
+  /// Its points are near a shape.
   ConstraintSet set_of(const ConstraintKind& kind, PointId first, PointId end, double weight) {
     ConstraintSet set;
     for (PointId id = first; id < end; ++id) {
@@ -130,6 +130,53 @@ TEST_F(ConstrainedSolverTest, NeverRisesHoweverStiff) {
     }
   }
 }
+
+class ConstrainedSolverDerivative : public ConstrainedSolverTest, public testing::WithParamInterface<HandleEnforcement> {};
+
+/// Against differences of solutions; and the adjoint against the derivative.
+TEST_P(ConstrainedSolverDerivative, IsThatOfTheSolution) {
+  constexpr Eigen::Index functions = 14, held = 5;
+  EnergySolver::Problem problem;
+  problem.enforcement = GetParam();
+  const Eigen::MatrixXd root = values(functions, functions);
+  const Eigen::MatrixXd K = root * root.transpose() + Eigen::MatrixXd::Identity(functions, functions);
+  problem.energy = SparseMatrix(Eigen::MatrixXd(K.triangularView<Eigen::Lower>()).sparseView());
+  problem.coupling = SparseMatrix(values(functions, held).sparseView());
+  problem.weights = Eigen::VectorXd::NullaryExpr(held, [&] { return 2 + value(); });
+  const EnergySolver solver(problem, 0, {});
+  const SparseRows rows = SparseRows((0.3 * values(points, functions)).sparseView());
+  const std::vector<ConstraintSet> sets{set_of(Circular{}, 0, 16, 100), set_of(Planar{}, 12, 30, 50),
+                                        set_of(Spherical{}, 22, points, 80)};
+  std::size_t count = 0;
+  for (const ConstraintSet& set : sets) count += set.ids.size();
+  ConstrainedSolver::Options options;
+  options.tolerance = 1e-11;
+  const ConstrainedSolver constrained(solver, rows, sets, options, 0, {});
+  const bool with_offsets = GetParam() == HandleEnforcement::eliminated;  // others have none
+  std::vector<Vec3> offsets(count), change(count);
+  for (std::size_t i = 0; i < count && with_offsets; ++i) {
+    offsets[i] = {0.05 * value(), 0.05 * value(), 0.05 * value()};
+    change[i] = {value(), value(), value()};
+  }
+  const Eigen::MatrixXd h = values(held, 3), dh = values(held, 3), g = values(functions, 3);
+  const auto solved = [&](double step) {
+    std::vector<Vec3> moved = offsets;
+    for (std::size_t i = 0; i < count; ++i) moved[i] = moved[i] + step * change[i];
+    return constrained.solve(h + step * dh, moved, {});
+  };
+  const ConstrainedResult at = solved(0);
+  ASSERT_TRUE(at.converged);
+  const Eigen::MatrixXd dw = constrained.derivative(at, dh, change, {});
+  const Eigen::MatrixXd quotient = (solved(1e-5).w - solved(-1e-5).w) / 2e-5;
+  EXPECT_LT((dw - quotient).norm(), 1e-5 * quotient.norm());
+  const ConstrainedSolver::Adjoint back = constrained.adjoint(at, g, {});
+  double sum = back.h.cwiseProduct(dh).sum();
+  for (std::size_t i = 0; i < count; ++i) sum += dot(back.offsets[i], change[i]);
+  EXPECT_NEAR(sum, g.cwiseProduct(dw).sum(), 1e-8 * g.norm() * dw.norm());
+}
+
+INSTANTIATE_TEST_SUITE_P(Enforcements, ConstrainedSolverDerivative,
+                         testing::Values(HandleEnforcement::eliminated, HandleEnforcement::soft, HandleEnforcement::multipliers));
 
 INSTANTIATE_TEST_SUITE_P(Problems, ConstrainedSolverMinimum,
                          testing::Values(Problem{8, 0, 10}, Problem{8, 5000, 10}, Problem{8, 5000, 1000}, Problem{20, 0, 100},
