@@ -23,7 +23,7 @@ namespace {
 using test::CountedAllocations;
 using test::random_points;
 
-constexpr double few_bytes = 30'000;  // of small vectors and names
+constexpr double few_bytes = 45'000;  // of small vectors and names
 
 RunContext one_thread() {
   RunContext context;
