@@ -213,11 +213,7 @@ class Splitting {
         : splitting_(&of), from_(&from), system_(std::move(system)), at_rest_(at_rest) {}
 
     Points step(double fraction) const {
-      if (at_rest_ && splitting_->ways_->straight()) {
-        Points points = splitting_->between(*from_, splitting_->full_, fraction);
-        splitting_->put_handles(fraction, points);
-        return points;
-      }
+      if (at_rest_ && splitting_->ways_->straight()) return splitting_->between(*from_, splitting_->full_, fraction);
       Points points =
           system_->evaluate(at_rest_ ? splitting_->ways_->design(fraction) : displacements(fraction), splitting_->context_);
       splitting_->put_handles(fraction, points);

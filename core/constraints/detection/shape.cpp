@@ -44,16 +44,11 @@ void set_angle(Shape& shape, double angle) {
   shape.cosine = std::cos(angle);
 }
 
-/// Derivative of the distance of x: point across the axis (2), axis (2), radius, angle; a sphere: centre (3), radius.
+/// Derivative of the distance of x: point across the axis (2), axis (2), radius, angle; a sphere: centre (3), radius. Planes are
+/// fitted without.
 double derivative(const Shape& shape, const Frame& frame, const Vector3d& x, Vector6d& row) {
   row.setZero();
   const Vector3d q = x - shape.point;
-  if (shape.kind == PrimitiveKind::plane) {
-    row[0] = -1;
-    row[1] = q.dot(frame.e1);
-    row[2] = q.dot(frame.e2);
-    return q.dot(shape.axis);
-  }
   if (shape.kind == PrimitiveKind::sphere) {
     const double length = q.norm();
     if (length > 0) row.head<3>() = -q / length;
@@ -79,8 +74,6 @@ Shape moved(const Shape& shape, const Frame& frame, const Vector6d& step) {
   Shape result = shape;
   switch (shape.kind) {
     case PrimitiveKind::plane:
-      result.point += step[0] * shape.axis;
-      result.axis = (shape.axis + step[1] * frame.e1 + step[2] * frame.e2).normalized();
       break;
     case PrimitiveKind::sphere:
       result.point += step.head<3>();

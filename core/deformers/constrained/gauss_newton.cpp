@@ -20,6 +20,9 @@ constexpr std::size_t few_points = 64;  // of a set whose parameters are elimina
 constexpr double damping = 1e-9;        // of the diagonal: parameters of shapes that change nothing stay
 constexpr std::size_t columns_per_task = 16, rows_per_task = 32;
 constexpr std::size_t permuted_and_factored = 2;  // copies of a sparse matrix, in factors
+// An entry of the linearized distances is in a list that grows, in a matrix, in its transpose, and twice in what Eigen reserves
+// for their product.
+constexpr std::size_t bytes_of_row_entry = 3 * sizeof(Entry) + 4 * (sizeof(double) + sizeof(std::int64_t));
 
 }  // namespace
 
@@ -42,6 +45,10 @@ GaussNewton::GaussNewton(const ConstrainedPoints& points, const ReducedEnergy& e
                               : form_ == NewtonForm::sparse ? permuted_and_factored * 9 * sizes.factor_bytes / sizeof(double)
                                                             : 0;
   matrix_bytes_ = entries * sizeof(double);
+  if (form_ == NewtonForm::sparse) {
+    const std::size_t cover = points_.phi().nonZeros() / std::max<std::size_t>(1, points_.count()) + 1;
+    matrix_bytes_ = std::max(matrix_bytes_, (3 * sizes.touched * cover + sizes.jacobian) * bytes_of_row_entry);
+  }
   if (form_ == NewtonForm::sparse) order_ = energy_.order();
   if (form_ == NewtonForm::forces) prepare_compliance(context);
 }

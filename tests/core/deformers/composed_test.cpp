@@ -344,7 +344,11 @@ TEST(Composed, OffTheMeshTheMapsOfAllMethodsAdd) {
   Points out(mesh->point_count());
   map->evaluate(mesh->points, 0, out, {});
   EXPECT_TRUE(out == system->evaluate({&design, 1}, EvaluationPath::direct)[0]);
+  const auto bound = system->bind({&design, 1}, EvaluationPath::direct, {});
   EXPECT_EQ(map->report().path, EvaluationPath::direct);
+  EXPECT_EQ(map->report().prescribed_displacement, bound->report(0).prescribed_displacement);
+  EXPECT_EQ(map->report().error, bound->report(0).error);
+  EXPECT_GT(map->report().error, 0);
   const auto shell = prepare(mesh, two_methods(RbfOptions{}, ShellOptions{}));
   test::expect_error(ErrorCode::failed_precondition, {"then[0]: ", "the shell deforms the faces"},
                      [&] { shell->bind_in_space(design, {}); });

@@ -7,6 +7,7 @@
 #include <limits>
 #include <thread>
 
+#include "core/base/vectors.h"
 #include "core/deformers/rbf/rbf_system.h"
 #include "tests/core/deformers/shapes.h"
 #include "tests/support/expect_error.h"
@@ -221,6 +222,32 @@ TEST(Designs, BudgetIsCheckedBeforeAnythingLarge) {
   EXPECT_NO_THROW(prepare(mesh, test::sheet_setup(), {}, expected.peak_bytes));
   test::expect_error(ErrorCode::out_of_budget, {"needs", "available", "centres", "smaller"},
                      [&] { prepare(mesh, test::sheet_setup(), {}, expected.peak_bytes - 1); });
+}
+
+/// The derivative of a scaling about the origin is the identity as a map, which a motion would be if it moved nothing.
+TEST(Designs, ScalingAboutTheOriginMovesEveryPointByItsPlace) {
+  const auto mesh = test::shared(test::bumpy_sheet(21, 11));
+  MlsOptions mls;
+  mls.surface_samples = 80;
+  SubspaceOptions subspace;
+  subspace.centres = 60;
+  FfdOptions direct;
+  direct.control = FfdControl::mesh;
+  for (const BasisMode basis : {BasisMode::always, BasisMode::never})
+    for (MethodOptions method : std::vector<MethodOptions>{RbfOptions{}, ShellOptions{}, subspace, mls, FfdOptions{}, direct}) {
+      std::visit([&](auto& options) { options.basis = basis; }, method);
+      SCOPED_TRACE(method.index());
+      deform::Setup setup = test::sheet_setup();
+      setup.method = method;
+      setup.variables = {{"size", "end", DesignVariable::Scale{{0, 0, 0}, {}}}};
+      const auto system = prepare(mesh, setup);
+      const std::vector<double> at{0.0}, direction{1.0};
+      const Points rate = system->jacobian_vector(at, direction, {});
+      const Points moved = system->evaluate(Design{{0.5}, {}});
+      for (std::size_t i = 0; i < rate.size(); ++i) {
+        EXPECT_LT(test::distance(mesh->points[i] + 0.5 * rate[i], moved[i]), 1e-9) << i;
+      }
+    }
 }
 
 }  // namespace

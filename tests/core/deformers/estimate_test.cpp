@@ -293,6 +293,22 @@ TEST(Estimate, SecondsOfMlsCountTheBody) {
   EXPECT_GT(off, 0.6) << body.told << " told, taken " << body.taken;
 }
 
+/// Constraints of delivered points interpolate every function at them, whose coefficients take time however few points there are.
+TEST(Estimate, SecondsGrowWithTheFunctionsThatAreInterpolated) {
+  const auto seconds = [](std::size_t samples, bool constrained) {
+    MlsOptions options;
+    options.surface_samples = samples;
+    options.basis = BasisMode::never;
+    deform::Setup setup = test::sheet_setup();
+    setup.method = options;
+    if (constrained) setup.constraints = {patch("few", 0.99, 1.01, Planar{})};
+    return estimate(test::bumpy_sheet(201, 101), setup).seconds;
+  };
+  const double few = seconds(500, true) - seconds(500, false), many = seconds(2000, true) - seconds(2000, false);
+  EXPECT_GT(few, 0);
+  EXPECT_GT(many, 2 * few);
+}
+
 TEST(Estimate, RefusesWhatPreparingRefuses) {
   const auto cube = shared(test::solid_cube(4));
   const auto refused = [&](const Constraint& constraint, const std::vector<const char*>& parts) {

@@ -485,5 +485,47 @@ TEST(FfdSymmetry, RefusesWhatIsNotSymmetric) {
   test::expect_error(ErrorCode::invalid_argument, {"symmetry[0].normal"}, [&] { prepare(half, setup); });
 }
 
+/// In planes across each axis and along the diagonals of each two, against a search among all places.
+TEST(FfdSymmetry, ControlPointsAreImagesOfThoseInTheirReflections) {
+  struct Plane {
+    Vec3 normal;
+    double at;
+  };
+  std::vector<Plane> planes;
+  for (std::size_t a = 0; a < 3; ++a) {
+    const std::size_t b = (a + 1) % 3;
+    Plane across{{}, 0.5}, down{{}, 0}, up{{}, std::sqrt(0.5)};
+    across.normal[a] = 1;
+    down.normal[a] = up.normal[a] = up.normal[b] = std::sqrt(0.5);
+    down.normal[b] = -std::sqrt(0.5);
+    planes.insert(planes.end(), {across, down, up, Plane{across.normal, 0.4}});
+  }
+  for (const std::array<std::size_t, 3>& counts : {std::array<std::size_t, 3>{6, 6, 5}, {6, 5, 5}, {5, 6, 5}, {5, 5, 5}}) {
+    for (const LatticeBasis basis : {LatticeBasis::bernstein, LatticeBasis::uniform_cubic}) {
+      LatticeOptions options;
+      options.basis = basis;
+      options.points = counts;
+      options.frame = LatticeFrame{{0, 0, 0}, {{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}}};
+      const Lattice lattice = lattice_around(options, Box{{0, 0, 0}, {1, 1, 1}});
+      const std::vector<Vec3> places = lattice.control_points();
+      for (const Plane& plane : planes) {
+        const auto reflect = [&](const Vec3& x) { return x - 2 * (dot(x, plane.normal) - plane.at) * plane.normal; };
+        std::vector<std::uint32_t> expected;
+        for (const Vec3& x : places) {
+          const Vec3 to = reflect(x);
+          const auto found = std::find_if(places.begin(), places.end(), [&](const Vec3& y) { return distance(y, to) < 1e-9; });
+          expected.push_back(found == places.end() ? ControlMatches::no_control
+                                                   : static_cast<std::uint32_t>(found - places.begin()));
+        }
+        const bool all = std::count(expected.begin(), expected.end(), ControlMatches::no_control) == 0;
+        const std::vector<std::uint32_t> got = lattice_images(lattice, basis, places, reflect, 1e-9);
+        EXPECT_EQ(got, all ? expected : std::vector<std::uint32_t>{})
+            << counts[0] << ' ' << counts[1] << ' ' << counts[2] << " normal " << plane.normal[0] << ' ' << plane.normal[1] << ' '
+            << plane.normal[2] << " at " << plane.at << " basis " << static_cast<int>(basis);
+      }
+    }
+  }
+}
+
 }  // namespace
 }  // namespace deform

@@ -55,82 +55,87 @@ double off_plane(const std::vector<Vec3>& points) {
   return (x * test::thin_svd(x).V.col(2)).cwiseAbs().maxCoeff();
 }
 
-TEST(MirroredConstraints, AreThoseOfTheWholeModel) {
-  const auto half = shared(test::bumpy_sheet(21, 11));
-  const std::vector<decltype(Setup::method)> methods{ShellOptions{}, few_samples(), FfdOptions{}};
-  for (const auto& method : methods) {
-    for (const bool exact : {false, true}) {
-      SCOPED_TRACE(std::string(exact ? "exact " : "soft ") + std::to_string(method.index()));
-      const deform::Setup setup = constrained(method, exact);
-      if (exact && std::holds_alternative<MlsOptions>(method)) {
-        test::expect_error(ErrorCode::invalid_argument, {"constraints[0].exact", "method.mls", "method.shell or method.ffd"},
-                           [&] { prepare(half, setup); });
-        continue;
-      }
-      WholeSheet whole(*half, setup, mild);
-      const auto ids = validate(setup, *half).constraints;
-      const auto region = [&](std::size_t i, bool own, bool image) {
-        std::vector<PointId> all;
-        for (const PointId id : ids[i][0]) {
-          if (own) all.push_back(id);
-          if (image && !(own && whole.image[id] == id)) all.push_back(whole.image[id]);
-        }
-        return Region{Region::Ids{all}};
-      };
-      whole.setup.constraints = {
-          {"roof", {region(0, true, true)}, Planar{}, 0, exact},
-          {"left", {region(1, true, false)}, Planar{}, 0, exact},
-          {"right", {region(1, false, true)}, Planar{}, 0, exact},
-          {"left slope", {region(2, true, false)}, FixedPlane{{0.6, 0.8, 0.05}, {0.1, 0.2, 1}}, 0, exact},
-          {"right slope", {region(2, false, true)}, FixedPlane{{0.6, -0.8, 0.05}, {0.1, -0.2, 1}}, 0, exact},
-          {"rail", {region(3, true, false)}, Straight{}, 0, exact},
-      };
-      const Points expected = prepare(whole.mesh, whole.setup)->evaluate(whole.design);
-      const auto system = prepare(half, setup);
-      const Points got = system->evaluate(mild);
-      double off = 0, moved_by = 0;
-      for (std::size_t i = 0; i < got.size(); ++i) {
-        off = std::max(off, distance(got[i], lerp(expected[i], across(expected[whole.image[i]]), 0.5)));
-      }
-      deform::Setup plain = setup;
-      plain.constraints.clear();
-      const Points without = prepare(half, plain)->evaluate(mild);
-      for (const PointId id : ids[0][0]) moved_by = std::max(moved_by, distance(got[id], without[id]));
-      EXPECT_LT(off, 1e-7);
-      EXPECT_GT(moved_by, 1e-3) << "the constraint changes something";
-      EXPECT_THAT(system->info().notes, testing::Contains(testing::HasSubstr("Constraint roof continues through symmetry[0]")));
-      EXPECT_THAT(system->info().notes, testing::Not(testing::Contains(testing::HasSubstr("Constraint side continues"))));
+class MirroredConstraintsOf : public testing::TestWithParam<MethodOptions> {};
 
-      // What is delivered is measured here.
-      const auto evaluation = system->bind({&mild, 1}, EvaluationPath::automatic, {});
-      const DesignReport& report = evaluation->report(0);
-      ASSERT_EQ(report.constraints.size(), 4u);
-      EXPECT_TRUE(report.converged) << report.iterations << " iterations, error " << report.convergence_error;
-      std::vector<Vec3> roof, side;
-      for (const PointId id : ids[0][0]) {
-        roof.push_back(got[id]);
-        if (whole.image[id] != id) roof.push_back(across(got[id]));
+TEST_P(MirroredConstraintsOf, AreThoseOfTheWholeModel) {
+  const auto half = shared(test::bumpy_sheet(21, 11));
+  const MethodOptions& method = GetParam();
+  for (const bool exact : {false, true}) {
+    SCOPED_TRACE(std::string(exact ? "exact " : "soft ") + std::to_string(method.index()));
+    const deform::Setup setup = constrained(method, exact);
+    if (exact && std::holds_alternative<MlsOptions>(method)) {
+      test::expect_error(ErrorCode::invalid_argument, {"constraints[0].exact", "method.mls", "method.shell or method.ffd"},
+                         [&] { prepare(half, setup); });
+      continue;
+    }
+    WholeSheet whole(*half, setup, mild);
+    const auto ids = validate(setup, *half).constraints;
+    const auto region = [&](std::size_t i, bool own, bool image) {
+      std::vector<PointId> all;
+      for (const PointId id : ids[i][0]) {
+        if (own) all.push_back(id);
+        if (image && !(own && whole.image[id] == id)) all.push_back(whole.image[id]);
       }
-      for (const PointId id : ids[1][0]) side.push_back(got[id]);
-      EXPECT_NEAR(report.constraints[0].max, off_plane(roof), 1e-9);
-      EXPECT_NEAR(report.constraints[1].max, off_plane(side), 1e-9);
-      EXPECT_GT(report.constraints[0].max_before, 1e-3);
-      if (exact) {
-        EXPECT_LT(off_plane(roof), 1e-9);
-        EXPECT_LT(off_plane(side), 1e-9);
-        for (const PointId id : ids[2][0]) {
-          EXPECT_LT(std::abs(dot(got[id] - Vec3{0.6, 0.8, 0.05}, {0.1, 0.2, 1})), 1e-9);
-        }
-        for (const ConstraintReport& each : report.constraints) EXPECT_FALSE(each.missed);
+      return Region{Region::Ids{all}};
+    };
+    whole.setup.constraints = {
+        {"roof", {region(0, true, true)}, Planar{}, 0, exact},
+        {"left", {region(1, true, false)}, Planar{}, 0, exact},
+        {"right", {region(1, false, true)}, Planar{}, 0, exact},
+        {"left slope", {region(2, true, false)}, FixedPlane{{0.6, 0.8, 0.05}, {0.1, 0.2, 1}}, 0, exact},
+        {"right slope", {region(2, false, true)}, FixedPlane{{0.6, -0.8, 0.05}, {0.1, -0.2, 1}}, 0, exact},
+        {"rail", {region(3, true, false)}, Straight{}, 0, exact},
+    };
+    const Points expected = prepare(whole.mesh, whole.setup)->evaluate(whole.design);
+    const auto system = prepare(half, setup);
+    const Points got = system->evaluate(mild);
+    double off = 0, moved_by = 0;
+    for (std::size_t i = 0; i < got.size(); ++i) {
+      off = std::max(off, distance(got[i], lerp(expected[i], across(expected[whole.image[i]]), 0.5)));
+    }
+    deform::Setup plain = setup;
+    plain.constraints.clear();
+    const Points without = prepare(half, plain)->evaluate(mild);
+    for (const PointId id : ids[0][0]) moved_by = std::max(moved_by, distance(got[id], without[id]));
+    EXPECT_LT(off, 1e-7);
+    EXPECT_GT(moved_by, 1e-3) << "the constraint changes something";
+    EXPECT_THAT(system->info().notes, testing::Contains(testing::HasSubstr("Constraint roof continues through symmetry[0]")));
+    EXPECT_THAT(system->info().notes, testing::Not(testing::Contains(testing::HasSubstr("Constraint side continues"))));
+
+    // What is delivered is measured here.
+    const auto evaluation = system->bind({&mild, 1}, EvaluationPath::automatic, {});
+    const DesignReport& report = evaluation->report(0);
+    ASSERT_EQ(report.constraints.size(), 4u);
+    EXPECT_TRUE(report.converged) << report.iterations << " iterations, error " << report.convergence_error;
+    std::vector<Vec3> roof, side;
+    for (const PointId id : ids[0][0]) {
+      roof.push_back(got[id]);
+      if (whole.image[id] != id) roof.push_back(across(got[id]));
+    }
+    for (const PointId id : ids[1][0]) side.push_back(got[id]);
+    EXPECT_NEAR(report.constraints[0].max, off_plane(roof), 1e-9);
+    EXPECT_NEAR(report.constraints[1].max, off_plane(side), 1e-9);
+    EXPECT_GT(report.constraints[0].max_before, 1e-3);
+    if (exact) {
+      EXPECT_LT(off_plane(roof), 1e-9);
+      EXPECT_LT(off_plane(side), 1e-9);
+      for (const PointId id : ids[2][0]) {
+        EXPECT_LT(std::abs(dot(got[id] - Vec3{0.6, 0.8, 0.05}, {0.1, 0.2, 1})), 1e-9);
       }
-      for (std::size_t i = 0; i < got.size(); ++i) {
-        if (half->points[i][1] == 0) {
-          EXPECT_EQ(got[i][1], 0);
-        }
+      for (const ConstraintReport& each : report.constraints) EXPECT_FALSE(each.missed);
+    }
+    for (std::size_t i = 0; i < got.size(); ++i) {
+      if (half->points[i][1] == 0) {
+        EXPECT_EQ(got[i][1], 0);
       }
     }
   }
 }
+
+INSTANTIATE_TEST_SUITE_P(Methods, MirroredConstraintsOf,
+                         testing::Values(MethodOptions(ShellOptions{}), MethodOptions(few_samples()),
+                                         MethodOptions(FfdOptions{})),
+                         [](const auto& tested) { return std::to_string(tested.param.index()); });
 
 TEST(MirroredConstraints, Derivatives) {
   const auto half = shared(test::bumpy_sheet(21, 11));

@@ -359,5 +359,37 @@ TEST(Reduction, KeepsTheWallsOfVolumes) {
   EXPECT_EQ(inside, 31U * 31U);
 }
 
+/// The worst of more points than are compared count, wherever they stand; each new centre is apart from those before.
+TEST(Reduction, TheMostMissedOfManyAreTheWorst) {
+  Mesh mesh;
+  std::vector<PointId> ids;
+  std::vector<double> misfits;
+  constexpr std::size_t count = 25000;
+  for (std::size_t i = 0; i < count; ++i) {
+    const auto t = static_cast<double>(i);
+    mesh.points.push_back({std::fmod(0.618 * t, 1.0), std::fmod(0.413 * t, 1.0), std::fmod(0.277 * t, 1.0)});
+    ids.push_back(static_cast<PointId>(i));
+    misfits.push_back(1e-3 * (1 + t / count));  // the last ones most
+  }
+  const std::vector<PointId> centres{0, 1, 2};
+  const auto near = [&](PointId a, PointId b) { return test::distance(mesh.points[a], mesh.points[b]); };
+  const std::vector<PointId> got = most_missed(mesh, centres, ids, misfits, 1e-3, 40);
+  ASSERT_EQ(got.size(), 40u);
+  EXPECT_TRUE(std::is_sorted(got.begin(), got.end()));
+  // By hand, from the worst on.
+  std::vector<PointId> expected;
+  for (std::size_t i = count; i-- > 0 && expected.size() < 40;) {
+    const auto id = static_cast<PointId>(i);
+    double clear = HUGE_VAL;
+    for (const PointId c : centres) clear = std::min(clear, near(id, c));
+    if (clear > 0 &&
+        std::none_of(expected.begin(), expected.end(), [&](PointId other) { return near(id, other) < std::sqrt(0.5) * clear; }))
+      expected.push_back(id);
+  }
+  std::sort(expected.begin(), expected.end());
+  EXPECT_EQ(got, expected);
+  EXPECT_TRUE(most_missed(mesh, centres, ids, misfits, 1, 40).empty()) << "all are within half of the tolerance";
+}
+
 }  // namespace
 }  // namespace deform

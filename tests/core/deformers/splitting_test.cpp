@@ -307,6 +307,35 @@ TEST(Splitting, KeepsAMargin) {
   EXPECT_TRUE(evaluate_split(sheared, moved_block(0.1, {}), options).inversion_free);
 }
 
+/// Beyond the last sound step the motion goes on as far as ten halvings of what is left can tell: by hand, from where it is.
+TEST(Splitting, GoesOnByHalvings) {
+  SplitProblem problem = square_problem(20);
+  problem.setup.variables = {{"turn", "block", DesignVariable::Rotate{{0, 0, 1}, {0.5, 0.5, 0}}}};
+  const auto system = prepare(problem.mesh, problem.setup);
+  const InversionCheck check(problem.mesh->points, problem.cells);
+  const auto at = [&](double angle) { return system->evaluate(Design{{angle}, {}}); };
+  const double angle = 2.4;
+  double sound = 0, wrong = 1;
+  for (int k = 0; k < 10; ++k) {
+    const double fraction = 0.5 * (sound + wrong);
+    (check.inverted(at(angle * fraction)).count == 0 ? sound : wrong) = fraction;
+  }
+  ASSERT_GT(sound, 0);
+  SplitOptions options;
+  options.most_steps = 1;
+  const SplitResult result = evaluate_split(problem, {{angle}, {}}, options);
+  ASSERT_FALSE(result.straight);
+  EXPECT_EQ(result.reached, sound);
+  EXPECT_LT(test::distance(result.points, at(angle * sound)), 1e-12);
+  ASSERT_EQ(result.substeps.size(), 1u);
+  EXPECT_EQ(result.substeps[0].fraction, sound);
+  EXPECT_EQ(result.substeps[0].amplitude, check.amplitude(problem.mesh->points, result.points).amplitude);
+  EXPECT_EQ(result.substeps[0].least_determinant.value, check.inverted(result.points).least_determinant.value);
+  EXPECT_EQ(result.steps, 1u);
+  EXPECT_EQ(result.factorizations, 1u);
+  EXPECT_EQ(result.reused, 1u);
+}
+
 TEST(Splitting, FarMotionsGoAsFarAsTheFullStepBears) {
   const SplitProblem problem = square_problem(20);
   SplitOptions options;
@@ -432,6 +461,7 @@ TEST(Splitting, BudgetAndEstimate) {
   EXPECT_GT(estimate.peak_bytes, deform::estimate(*problem.mesh, problem.setup).factor_bytes);
   EXPECT_GT(estimate.seconds, 0);
   EXPECT_FALSE(estimate.notes.empty());
+  EXPECT_EQ(estimate.basis_bytes, 0u) << "steps after the first have no use for a basis";
   problem.system = prepare(problem.mesh, problem.setup);
   problem.memory_budget = estimate.peak_bytes + 100;
   EXPECT_TRUE(evaluate_split(problem, design).inversion_free);

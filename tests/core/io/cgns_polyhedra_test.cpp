@@ -161,6 +161,8 @@ TEST(CgnsPolyhedra, RefusesWhatIsWrong) {
        {"ElementStartOffset", "2 elements", "to 11"}},
       {test::with_numbers(polyhedra, "/Base/z/faces/ElementStartOffset", {0, 4, 8, 12, 16, 20, 24, 28, 32, 36, 40, 45}),
        {"ElementStartOffset", "11 elements", "44"}},
+      {test::with_numbers(polyhedra, "/Base/z/faces/ElementStartOffset", {0, 4, 4, 12, 16, 20, 24, 28, 32, 36, 40, 44}),
+       {"faces", "element 2 claims 0 entries", "has 40 left"}},
       {test::without(polyhedra, "/Base/z/faces", "ElementStartOffset"), {"faces", "the connectivity ends within element"}},
       {both.bytes(), {"polyhedra", "beside elements"}},
   };

@@ -387,5 +387,29 @@ TEST(Cgns, RefusesWhatIsWrong) {
   }
 }
 
+/// Along an index there is one face more than cells, across it as many as cells.
+TEST(Cgns, ConditionsOfBlocksNameFacesThatThereAre) {
+  const auto read = [](const CgnsWriter::Numbers& at, GridLocation_t location) {
+    CgnsWriter writer(CG_FILE_HDF5);
+    const int zone = writer.structured("block", {3, 4, 2}, lattice(3, 4, 2));
+    writer.condition(zone, "one", PointList, at, 1, location);
+    return parse_mesh(writer.bytes(), "a.cgns");
+  };
+  struct Axis {
+    GridLocation_t location;
+    CgnsWriter::Numbers last;  // face
+  };
+  for (const Axis& axis : {Axis{IFaceCenter, {3, 3, 1}}, Axis{JFaceCenter, {2, 4, 1}}, Axis{KFaceCenter, {2, 3, 2}}}) {
+    EXPECT_EQ(group(*read(axis.last, axis.location)->mesh(), "one").faces.size(), 1u);
+    for (std::size_t k = 0; k < 3; ++k) {
+      CgnsWriter::Numbers beyond = axis.last;
+      ++beyond[k];
+      test::expect_error(ErrorCode::invalid_argument, {"/Base/block/ZoneBC/one"}, [&] { read(beyond, axis.location); });
+      beyond[k] = 0;
+      test::expect_error(ErrorCode::invalid_argument, {"/Base/block/ZoneBC/one"}, [&] { read(beyond, axis.location); });
+    }
+  }
+}
+
 }  // namespace
 }  // namespace deform::io

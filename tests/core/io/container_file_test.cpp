@@ -5,7 +5,11 @@
 #include <gtest/gtest.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
+#include <sys/syscall.h>
+#include <unistd.h>
 
+#include <algorithm>
+#include <cerrno>
 #include <csignal>
 #include <filesystem>
 #include <fstream>
@@ -15,6 +19,23 @@
 #include "tests/core/io/open_descriptors.h"
 #include "tests/core/io/own_temporary_folder.h"
 #include "tests/support/expect_error.h"
+
+namespace {
+
+std::size_t most_at_once = 1 << 30;  // bytes that the system gives
+int interruptions = 0;               // before that
+
+}  // namespace
+
+/// As the system may do it: in pieces, and interrupted.
+extern "C" ssize_t pread(int descriptor, void* to, std::size_t size, off_t at) {
+  if (interruptions > 0) {
+    --interruptions;
+    errno = EINTR;
+    return -1;
+  }
+  return ::syscall(SYS_pread64, descriptor, to, std::min(size, most_at_once), at);
+}
 
 namespace deform::io {
 namespace {
@@ -30,6 +51,18 @@ TEST(ContainerFile, HoldsTheBytesForItsOwnerOnly) {
   ASSERT_EQ(::stat(file.path().c_str(), &status), 0);
   EXPECT_EQ(status.st_mode & 0777u, 0600u);
   EXPECT_EQ(status.st_size, 8);
+}
+
+TEST(ContainerFile, IsReadInPiecesAndInSpiteOfInterruptions) {
+  const std::string bytes = "123456789";
+  const ContainerFile file(bytes);
+  most_at_once = 4;
+  interruptions = 2;
+  EXPECT_EQ(file.bytes(9), bytes);
+  EXPECT_EQ(interruptions, 0);
+  most_at_once = 0;
+  expect_error(ErrorCode::failed_precondition, {"temporary file"}, [&] { (void)file.bytes(9); });
+  most_at_once = 1 << 30;
 }
 
 TEST(ContainerFile, RefusesToGiveMoreThanWasExpected) {

@@ -10,6 +10,7 @@
 #include <numeric>
 #include <random>
 
+#include "core/io/formats/openfoam/collated_file.h"
 #include "core/io/mesh_file.h"
 #include "tests/support/expect_error.h"
 
@@ -518,6 +519,15 @@ TEST_F(DecomposedCase, RefusesCollatedPartsThatDoNotFit) {
   fs::remove(case_ / "processors3_2-2" / "constant" / "polyMesh" / "cellProcAddressing");
   test::expect_error(ErrorCode::not_found, {"processors3_2-2", "cellProcAddressing", "reconstructParMesh"},
                      [&] { read_mesh_file(case_ / "processors3_0-1"); });
+}
+
+TEST(CollatedFile, IsToldByItsClass) {
+  const auto header = [](const std::string& type) { return "FoamFile { version 2.0; format ascii; class " + type + "; }\n2\n"; };
+  EXPECT_TRUE(is_collated(header("decomposedBlockData")));
+  EXPECT_FALSE(is_collated(header("vectorField")));
+  EXPECT_FALSE(is_collated("2((0 0 0) (1 0 0))"));
+  EXPECT_FALSE(is_collated("FoamFile { class decomposedBlockData"));
+  EXPECT_FALSE(is_collated(""));
 }
 
 }  // namespace

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 #include <signal.h>
 #include <sys/wait.h>
+#include <unistd.h>
 
 #include <chrono>
 #include <cstdlib>
@@ -241,6 +242,20 @@ TEST(Isolated, MemoryIsLimitedByTheSizeOfTheFile) {
 TEST(Isolated, AProgramThatNobodyAskedSaysSo) {
   EXPECT_EQ(WEXITSTATUS(std::system(DEFORM_ISOLATED_READER " < /dev/null")), 2);
   EXPECT_EQ(WEXITSTATUS(std::system("echo hello, world | " DEFORM_ISOLATED_READER)), 2);
+}
+
+/// A request that is kept, and given again: the exit code says whether there was one, not what became of it.
+TEST(Isolated, AProgramThatIsAskedAnswersAndEndsWell) {
+  const std::string request = testing::TempDir() + "request_" + std::to_string(::getpid());
+  EXPECT_NO_THROW(parse_mesh(house_cgns(CG_FILE_ADF), "a.cgns",
+                             shell("cat > " + request + "; exec " DEFORM_ISOLATED_READER " < " + request)));
+  const auto code_of = [&](const std::string& change) {
+    return WEXITSTATUS(std::system((change + " | " DEFORM_ISOLATED_READER " > /dev/null").c_str()));
+  };
+  EXPECT_EQ(code_of("cat " + request), 0);
+  EXPECT_EQ(code_of("(printf 12345678; tail -c +9 " + request + ")"), 2) << "it does not begin as a request";
+  EXPECT_EQ(code_of("head -c -1 " + request), 2) << "it ends early";
+  std::remove(request.c_str());
 }
 
 // ---- what a hostile child could say ----

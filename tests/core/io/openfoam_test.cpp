@@ -110,8 +110,9 @@ FoamFiles binary_files(const Points& points, std::size_t label, std::size_t scal
   files.cell_zones = {head("regIOobject") + "1\n(\nright\n{\n    type cellZone;\ncellLabels      List<label> " +
                           packed({1}, label, order) + ";\n}\n)\n",
                       "cellZones"};
-  files.face_zones = {head("regIOobject") + "1\n(\nmiddle\n{\n    type faceZone;\nfaceLabels List<label> " +
-                          packed({0}, label, order) + ";\nflipMap List<bool> 1\n(" + std::string(1, '\0') + ");\n}\n)\n",
+  files.face_zones = {head("regIOobject") + "2\n(\nmiddle\n{\n    type faceZone;\nfaceLabels List<label> " +
+                          packed({0}, label, order) + ";\nflipMap List<bool> 1\n(" + std::string(1, '\0') +
+                          ");\n}\nempty\n{\nfaceLabels List<label> 0;\nflipMap List<bool> 0;\n}\n)\n",
                       "faceZones"};
   return files;
 }

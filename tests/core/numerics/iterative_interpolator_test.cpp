@@ -185,6 +185,23 @@ TEST(IterativeInterpolator, NotConvergingIsAResult) {
   EXPECT_LT(solution.residual, 1e-6);
 }
 
+// Much more is left of the last column, noise, than of the first, which is smooth.
+TEST(IterativeInterpolator, TellsWhatIsLeftOfEachColumn) {
+  const std::vector<Vec3> centres = sphere(1200);
+  const IterativeInterpolator system(centres, {}, {});
+  const MatrixXd F = data(centres);
+  const auto solution = system.interpolate(F, 1e-3, {});
+  ASSERT_EQ(solution.residuals.size(), 3);
+  for (Index c = 0; c < 3; ++c) {
+    const MatrixXd column = solution.coefficients.col(c);
+    const double left = residual({Kernel::triharmonic, 1}, system, column, F.col(c));
+    EXPECT_GE(solution.residuals[c], 0.7 * left) << c;
+    EXPECT_LE(solution.residuals[c], 3 * left + 1e-12) << c;
+  }
+  EXPECT_GT(solution.residuals[2], 3 * solution.residuals[0]);
+  EXPECT_EQ(solution.residuals.maxCoeff(), solution.residual);
+}
+
 TEST(IterativeInterpolator, ThreadsDoNotMatter) {
   const std::vector<Vec3> centres = sphere(2000);
   RunContext one;

@@ -5,9 +5,11 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
 #include <numeric>
 #include <random>
 
+#include "core/base/vectors.h"
 #include "tests/core/quality/surface_meshes.h"
 #include "tests/support/expect_error.h"
 
@@ -475,6 +477,22 @@ TEST(FlippedFaces, WhereThreeSheetsMeet) {
     if (f % 10 == 4 || f % 10 == 5) expected.push_back(f);
   }
   EXPECT_EQ(flipped_ids(rest, points), expected);
+}
+
+/// Far from the origin a face of no width has an area of rounding, whose direction means nothing.
+TEST(FlippedFaces, FacesOfNoWidthAreIgnoredFarFromTheOriginToo) {
+  for (const double away : {0.0, 5e4}) {
+    Mesh rest = unit_sheet(6, Faces::quads);
+    for (Vec3& p : rest.points) p = p + Vec3{away, away, away};
+    // On the edge of the first face, up to rounding: its corners are 0, 1, 8 and 7.
+    const auto middle = static_cast<PointId>(rest.points.size());
+    const double width = away == 0 ? 1e-11 : 4 * (std::nextafter(away, HUGE_VAL) - away);
+    rest.points.push_back(0.5 * (rest.points[0] + rest.points[1]) - Vec3{0, width, 0});
+    add_face(rest, {0, middle, 1});
+    Points moved = rest.points;
+    moved[middle][1] += 2 * width;
+    EXPECT_EQ(flipped_ids(rest, moved), away == 0 ? Ids{36} : Ids{}) << away;
+  }
 }
 
 TEST(FlippedFaces, RefusesOtherNumbersOfPointsAndBearsAnything) {

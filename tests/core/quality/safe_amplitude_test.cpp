@@ -600,6 +600,43 @@ TEST(SafeAmplitude, PyramidsOfPolyhedraThatAreWrongOnTheWayOnly) {
   EXPECT_EQ(count.inverting, 7u);
 }
 
+/// Cells that have the margin at rest and no longer, cell by cell.
+TEST(SafeAmplitude, CountsCellsThatFallBelowAMargin) {
+  Grid g = grid(5, 4, 3);
+  std::mt19937_64 random(31);
+  const Points rest = shaken(g.points, 0.25, random), moved = shaken(rest, 0.3, random);
+  Elements cubes;
+  for (PointId c = 0; c < 60; ++c) {
+    const PointId a = c % 5 + 6 * (c / 5 % 4 + 5 * (c / 20)), up = 30;
+    const PointId nodes[] = {a, a + 1, a + 7, a + 6, a + up, a + up + 1, a + up + 7, a + up + 6};
+    cubes.add(ElementType::hexahedron, nodes);
+  }
+  const InversionCheck check(rest, &cubes);
+  const auto determinants = [&](const Points& points) {
+    std::vector<double> all;
+    for (std::size_t e = 0; e < cubes.size(); ++e) {
+      Elements alone;
+      alone.add(cubes.types[e], cubes.nodes(e));
+      all.push_back(InversionCheck(rest, &alone).inverted(points).least_determinant.value);
+    }
+    return all;
+  };
+  const std::vector<double> before = determinants(rest), after = determinants(moved);
+  for (const double margin : {0.05, 0.3, 0.5, 0.7, 0.9}) {
+    std::size_t expected = 0, low = 0;
+    for (std::size_t e = 0; e < before.size(); ++e) {
+      expected += before[e] >= margin && after[e] < margin;
+      low += before[e] < margin;
+    }
+    EXPECT_EQ(check.below(margin, rest, moved), expected) << margin;
+    EXPECT_EQ(check.below(margin, rest, rest), 0u) << margin;
+    if (margin == 0.7) {
+      EXPECT_GT(expected, 0u);
+      EXPECT_GT(low, 0u);
+    }
+  }
+}
+
 TEST(SafeAmplitude, SameBitsForAnyNumberOfThreads) {
   const Grid g = grid(16, 16, 16);
   std::mt19937_64 random(29);
