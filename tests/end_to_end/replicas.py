@@ -174,7 +174,8 @@ class BehindProxy(Replicas):
             self.proxy.wait()
 
     def options_of(self, number):
-        return ["--metrics-address", f"127.0.0.1:{self.metrics[number]}"]
+        # The proxy may lose a stream (docs/operations.md): the call ends then, and the client repeats it.
+        return ["--metrics-address", f"127.0.0.1:{self.metrics[number]}", "--stall-timeout", "60"]
 
     def proxy_settings(self):
         return {}
