@@ -293,10 +293,10 @@ struct ConstraintOptions {
 struct Setup {
   // Defined in setup.cpp: their code is large, and each file that copies a setup would compile it.
   Setup();
-  Setup(const Setup& other);
-  Setup(Setup&& other) noexcept;
-  Setup& operator=(const Setup& other);
-  Setup& operator=(Setup&& other) noexcept;
+  Setup(const Setup& other);                 ///< copies all of it but `images`, which both share
+  Setup(Setup&& other) noexcept;             ///< leaves `other` valid, with unspecified members
+  Setup& operator=(const Setup& other);      ///< as the copy
+  Setup& operator=(Setup&& other) noexcept;  ///< as the move
   ~Setup();
 
   MethodOptions method;                   ///< the method and its options
