@@ -143,16 +143,19 @@ std::vector<std::shared_ptr<OpenCall>> OpenCalls::all() const {
 
 void OpenCalls::end_stalled(std::chrono::milliseconds longest) {
   const OpenCall::Clock::rep limit = (OpenCall::Clock::now() - longest).time_since_epoch().count();
-  const std::string time = number_digits(std::chrono::duration<double>(longest).count()) + " s (--stall-timeout)";
   for (const auto& call : all()) {
     for (const auto what : {OpenCall::Client::sends, OpenCall::Client::takes}) {
       const OpenCall::Clock::rep since = call->awaited_since_[static_cast<std::size_t>(what)];
       if (since == 0 || since > limit) continue;
-      call->end(Error(ErrorCode::deadline_exceeded, what == OpenCall::Client::sends
-                                                        ? "the client sent nothing more for " + time
-                                                        : "the client took nothing of the answer for " + time));
+      call->end(stalled(what, longest));
     }
   }
+}
+
+Error OpenCalls::stalled(OpenCall::Client what, std::chrono::milliseconds longest) {
+  const std::string time = number_digits(std::chrono::duration<double>(longest).count()) + " s (--stall-timeout)";
+  if (what == OpenCall::Client::takes) return {ErrorCode::unavailable, "the client took nothing of the answer for " + time};
+  return {ErrorCode::deadline_exceeded, "the client sent nothing more for " + time};
 }
 
 v1::ListCallsReply OpenCalls::list(const std::optional<std::string>& tenant, std::uint64_t but, std::size_t limit) const {

@@ -111,8 +111,11 @@ class OpenCalls {
   /// How it was when it was asked to end. Throws Error(not_found); what is of another tenant does not exist.
   v1::CallInfo end(std::uint64_t id, const std::optional<std::string>& tenant, const Error& why);
   std::size_t size() const;
-  /// Ends calls that wait for their clients for longer than this.
+  /// Ends calls that wait for their clients for longer than this, by stalled().
   void end_stalled(std::chrono::milliseconds longest);
+  /// Error(unavailable) for an answer that is not taken, which a client that goes on after all repeats; Error(deadline_exceeded)
+  /// for a request that does not go on.
+  static Error stalled(OpenCall::Client what, std::chrono::milliseconds longest);
 
  private:
   /// Let go of without the lock of the book, which the last owner of a call takes.

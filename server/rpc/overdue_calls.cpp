@@ -1,6 +1,10 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "server/rpc/overdue_calls.h"
 
+#include <grpc/grpc.h>
+
+#include "server/rpc/status.h"
+
 namespace deform::server {
 
 OverdueCalls::~OverdueCalls() {
@@ -12,11 +16,11 @@ OverdueCalls::~OverdueCalls() {
   if (thread_.joinable()) thread_.join();
 }
 
-void OverdueCalls::watch(grpc::CallbackServerContext* context, Clock::time_point limit) {
+void OverdueCalls::watch(grpc::CallbackServerContext* context, Clock::time_point limit, Error why) {
   {
     const std::lock_guard lock(mutex_);
     if (!thread_.joinable()) thread_ = std::thread([this] { run(); });
-    calls_.emplace(limit, context);
+    calls_.emplace(Entry{limit, context}, std::move(why));
   }
   changed_.notify_all();
 }
@@ -36,15 +40,18 @@ void OverdueCalls::run() {
       changed_.wait(lock);
       continue;
     }
-    const auto [limit, context] = *calls_.begin();
+    const auto [limit, context] = calls_.begin()->first;
     if (Clock::now() < limit) {
       changed_.wait_until(lock, limit);
       continue;
     }
+    const grpc::Status status = to_status(calls_.begin()->second);
     calls_.erase(calls_.begin());
     cancelling_ = context;
     lock.unlock();
-    context->TryCancel();
+    // TryCancel() with a reason.
+    grpc_call_cancel_with_status(context->c_call(), static_cast<grpc_status_code>(status.error_code()),
+                                 status.error_message().c_str(), nullptr);
     lock.lock();
     cancelling_ = nullptr;
     changed_.notify_all();

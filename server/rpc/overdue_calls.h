@@ -5,15 +5,18 @@
 
 #include <chrono>
 #include <condition_variable>
+#include <map>
 #include <mutex>
-#include <set>
 #include <thread>
 #include <utility>
 
+#include "core/base/error.h"
+
 namespace deform::server {
 
-/// Cancels calls that go on beyond a time of the server's own: an upload that never ends, a reader that never reads. Work in the
-/// engine ends by its deadline before. Thread-safe.
+/// Ends calls that go on beyond a time of the server's own: an upload that never ends, a reader that never reads. Their clients
+/// are told why even where messages wait for them, which a status that is finished with comes after. Work in the engine ends by
+/// its deadline before. Thread-safe.
 class OverdueCalls {
  public:
   using Clock = std::chrono::steady_clock;
@@ -24,7 +27,7 @@ class OverdueCalls {
   OverdueCalls& operator=(const OverdueCalls&) = delete;
 
   /// Until forget(), the context must live.
-  void watch(grpc::CallbackServerContext* context, Clock::time_point limit);
+  void watch(grpc::CallbackServerContext* context, Clock::time_point limit, Error why);
   /// When it returns, the context is not touched any more.
   void forget(grpc::CallbackServerContext* context, Clock::time_point limit);
 
@@ -35,7 +38,7 @@ class OverdueCalls {
   std::mutex mutex_;
   // under mutex_
   std::condition_variable changed_;
-  std::set<Entry> calls_;
+  std::map<Entry, Error> calls_;
   grpc::CallbackServerContext* cancelling_ = nullptr;
   bool stopping_ = false;
   std::thread thread_;  ///< starts with the first call

@@ -116,7 +116,7 @@ CallScope::CallScope(const char* method, const Incoming& incoming)
   const auto limit = started_ + incoming.max_deadline;
   call_.deadline = std::min(limit, call_.deadline.value_or(limit));
   overdue_ = limit + time_to_answer;
-  incoming_.overdue->watch(incoming_.context, *overdue_);
+  incoming_.overdue->watch(incoming_.context, *overdue_, too_long());
 }
 
 void CallScope::admit() {
@@ -156,18 +156,19 @@ void CallScope::check_draining() const {
       .refused_for(Refusal::draining);
 }
 
-void CallScope::cut_off_soon() { cut_off_after(time_to_answer); }
+void CallScope::cut_off_soon() { cut_off_after(time_to_answer, given_up()); }
 
 void CallScope::cut_off_when_stalled() {
-  if (incoming_.stall_timeout.count() > 0) cut_off_after(incoming_.stall_timeout);
+  const auto time = incoming_.stall_timeout;
+  if (time.count() > 0) cut_off_after(time, OpenCalls::stalled(OpenCall::Client::takes, time));
 }
 
-void CallScope::cut_off_after(std::chrono::milliseconds time) {
+void CallScope::cut_off_after(std::chrono::milliseconds time, Error why) {
   const auto limit = std::chrono::steady_clock::now() + time;
   const std::lock_guard lock(admission_mutex_);
   if (left_ || cut_off_) return;
   cut_off_ = limit;
-  incoming_.overdue->watch(incoming_.context, limit);
+  incoming_.overdue->watch(incoming_.context, limit, std::move(why));
 }
 
 void CallScope::check_memory() const {
@@ -196,6 +197,11 @@ Quota CallScope::quota() const {
 
 void CallScope::check_rate() { incoming_.rates->take(call_.tenant, quota().requests_per_second); }
 
+Error CallScope::too_long() const {
+  return {ErrorCode::deadline_exceeded,
+          "the call took longer than the " + to_seconds(incoming_.max_deadline) + " s that this server allows (--max-deadline)"};
+}
+
 Error CallScope::given_up() const {
   if (const auto ended = call_.open->ended()) return *ended;
   if (call_.deadline && std::chrono::steady_clock::now() >= *call_.deadline) {
@@ -216,8 +222,7 @@ grpc::Status CallScope::finish(std::optional<Error> error) {
   if (auto ended = call_.open->ended()) {
     record.error = std::move(ended);
   } else if (record.error->code() == ErrorCode::deadline_exceeded && overdue_ && call_.deadline == *overdue_ - time_to_answer) {
-    record.error = Error(ErrorCode::deadline_exceeded, "the call took longer than the " + to_seconds(incoming_.max_deadline) +
-                                                           " s that this server allows (--max-deadline)");
+    record.error = too_long();
   }
   if (const std::uint32_t hint = record.error->retry_after_ms(); hint != 0) {
     incoming_.context->AddTrailingMetadata(convert::retry_after_key, std::to_string(hint));

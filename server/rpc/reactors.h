@@ -141,7 +141,8 @@ class CallScope {
 
  private:
   const google::protobuf::Descriptor& request_type() const;
-  void cut_off_after(std::chrono::milliseconds time);
+  void cut_off_after(std::chrono::milliseconds time, Error why);
+  Error too_long() const;
 
   const Incoming incoming_;
   std::vector<HeldRequests::Held> held_;

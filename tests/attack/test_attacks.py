@@ -531,13 +531,26 @@ class Stalled(Attack):
 
         self.assertEqual(sum(reply.HasField("summary") for reply in self.stub().DeformStream(requests(), timeout=30)), 2)
 
+    def population(self):
+        """Of 400 designs, which is still one frame."""
+        request = deformation_pb2.DeformRequest(system_id=self.system.id, output=dict(encoding=deformation_pb2.RAW_F64))
+        request.designs.extend([deformation_pb2.Design(variables=[0.1, 0, 0])] * 400)
+        return request.SerializeToString()
+
+    def test_the_status_passes_the_answers_that_nobody_takes(self):
+        """The window of HTTP/2 stays shut. A client that reads again learns that it may ask again, and why."""
+        connection = http2.Connection(self.server.port)
+        self.connections.append(connection)
+        connection.send(call_frames(connection, "Deform", self.population()))
+        trailers = connection.wait_for_end(connection.stream)
+        self.assertIn(http2.text("grpc-status") + http2.text(str(grpc.StatusCode.UNAVAILABLE.value[0])), trailers)
+        self.assertIn(b"the client took nothing of the answer for 2 s (--stall-timeout)", trailers)
+
     def test_answers_that_nobody_takes(self):
         """Populations, over connections with a small window; their memory is free again."""
-        population = deformation_pb2.DeformRequest(system_id=self.system.id, output=dict(encoding=deformation_pb2.RAW_F64))
-        population.designs.extend([deformation_pb2.Design(variables=[0.1, 0, 0])] * 400)  # in one frame
         for _ in range(20):
             connection = small_window(self)
-            connection.send(call_frames(connection, "Deform", population.SerializeToString()))
+            connection.send(call_frames(connection, "Deform", self.population()))
         self.wait_for("deformd_memory_charged_bytes", lambda bytes: bytes > self.charged + 5 * MIB)
         self.wait_for("deformd_memory_charged_bytes", lambda bytes: bytes < self.charged + MIB)
 

@@ -4,6 +4,7 @@
 import hashlib
 import os
 import re
+import signal
 import subprocess
 import time
 import urllib.error
@@ -30,6 +31,25 @@ class Admin(EndToEnd):
         self.deform("sample", "-o", "ahmed.obj", "--points", 2000)
         self.write("setup.yaml", AHMED_SETUP)
         return self.deform("prepare", "setup.yaml", "--json").json["id"]
+
+    def test_a_client_that_was_suspended_gets_the_rest(self):
+        """The server does not wait longer for it than it is told to, and the client asks again for what it lacks."""
+        designs = 600
+        self.start_server("--stall-timeout", "2")
+        self.deform("sample", "-o", "ahmed.obj", "--points", 20000)
+        self.write("setup.yaml", AHMED_SETUP)
+        self.deform("prepare", "setup.yaml")
+        self.write("designs.csv", "\n".join(["roof_up", *(f"{0.04 * k / designs}" for k in range(designs))]) + "\n")
+        child = self.spawn("sweep", "setup.yaml", "--designs", "designs.csv", "-o", "swept", "--batch", designs // 2)
+        self.wait_until(lambda: os.path.isdir(self.path("swept")) and len(os.listdir(self.path("swept"))) > 5, "designs come", 60)
+        child.send_signal(signal.SIGSTOP)
+        self.assertEqual([call["method"] for call in self.calls()], ["Deform", "Deform"])
+        self.wait_until(lambda: self.calls() == [], "the calls end")
+        child.send_signal(signal.SIGCONT)
+        _, err = child.communicate(timeout=120)
+        self.assertEqual(child.returncode, 0, err)
+        self.assertEqual(sum(name.endswith(".obj") for name in os.listdir(self.path("swept"))), designs)
+        self.assertEqual(self.server.log_text().count("the client took nothing of the answer for 2 s (--stall-timeout)"), 2)
 
     def test_a_long_preparation_is_listed_and_cancelled(self):
         self.start_server()
