@@ -15,7 +15,7 @@
 namespace deform::server {
 
 /// Ends calls that go on beyond a time of the server's own: an upload that never ends, a reader that never reads. Their clients
-/// are told why even where messages wait for them, which a status that is finished with comes after. Work in the engine ends by
+/// learn why even where messages wait for them, which a status that is finished with comes after. Work in the engine ends by
 /// its deadline before. Thread-safe.
 class OverdueCalls {
  public:

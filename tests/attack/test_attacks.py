@@ -532,7 +532,7 @@ class Stalled(Attack):
         self.assertEqual(sum(reply.HasField("summary") for reply in self.stub().DeformStream(requests(), timeout=30)), 2)
 
     def population(self):
-        """Of 400 designs, which is still one frame."""
+        """400 designs, which are still one frame."""
         request = deformation_pb2.DeformRequest(system_id=self.system.id, output=dict(encoding=deformation_pb2.RAW_F64))
         request.designs.extend([deformation_pb2.Design(variables=[0.1, 0, 0])] * 400)
         return request.SerializeToString()
