@@ -94,7 +94,7 @@ class Thickness : public Measure {
         opposing_(std::cos(options.opposing_degrees * std::numbers::pi / 180)) {
     triangles_.assign(body_.triangles().begin(), body_.triangles().begin() + static_cast<std::ptrdiff_t>(body_.faces().size()));
     choose_samples(mesh, options);
-    tree_ = TriangleTree(triangles_, mesh.points);
+    tree_ = TriangleTree(triangles_, mesh.points, context);
     tolerance_ = options.tolerance > 0 ? options.tolerance : default_tolerance(mesh, context);
   }
 

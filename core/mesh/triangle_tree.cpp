@@ -99,7 +99,8 @@ bool Ray::meets(const Box& box, double nearest) const {
   return from <= to;
 }
 
-TriangleTree::TriangleTree(std::span<const std::array<PointId, 3>> triangles, std::span<const Vec3> points)
+TriangleTree::TriangleTree(std::span<const std::array<PointId, 3>> triangles, std::span<const Vec3> points,
+                           const RunContext& context)
     : triangles_(triangles.begin(), triangles.end()), order_(triangles.size()) {
   std::iota(order_.begin(), order_.end(), 0U);
   if (triangles_.empty()) return;
@@ -108,16 +109,17 @@ TriangleTree::TriangleTree(std::span<const std::array<PointId, 3>> triangles, st
     for (std::size_t k = 0; k < 3; ++k) corners_[i][k] = points[triangles_[i][k]];
   }
   nodes_.reserve(triangles_.size());
-  build(0, static_cast<std::uint32_t>(triangles_.size()));
+  build(0, static_cast<std::uint32_t>(triangles_.size()), context);
   boxes_.resize(nodes_.size());
-  place(points, RunContext{});
+  place(points, context);
 }
 
 // corners_ has the order of the triangles here.
-std::uint32_t TriangleTree::build(std::uint32_t begin, std::uint32_t end) {
+std::uint32_t TriangleTree::build(std::uint32_t begin, std::uint32_t end, const RunContext& context) {
   const auto index = static_cast<std::uint32_t>(nodes_.size());
   nodes_.push_back({begin, end, 0});
   if (end - begin <= leaf_size) return index;
+  if (end - begin > triangles_without_check) context.check();
   const auto middle_of = [&](std::uint32_t i) { return corners_[i][0] + corners_[i][1] + corners_[i][2]; };
   Box middles;
   for (std::uint32_t i = begin; i < end; ++i) middles.add(middle_of(order_[i]));
@@ -127,8 +129,8 @@ std::uint32_t TriangleTree::build(std::uint32_t begin, std::uint32_t end) {
     const double place_s = middle_of(s)[axis], place_t = middle_of(t)[axis];
     return place_s != place_t ? place_s < place_t : s < t;
   });
-  build(begin, middle);
-  const std::uint32_t right = build(middle, end);
+  build(begin, middle, context);
+  const std::uint32_t right = build(middle, end, context);
   nodes_[index].right = right;
   return index;
 }

@@ -67,8 +67,8 @@ class NormalCones {
 class TriangleTree {
  public:
   TriangleTree() = default;
-  /// triangles: corners of each, of which it keeps a copy; points: what they number.
-  TriangleTree(std::span<const std::array<PointId, 3>> triangles, std::span<const Vec3> points);
+  /// triangles: corners of each, of which it keeps a copy; points: what they number. Throws the errors of RunContext::check().
+  TriangleTree(std::span<const std::array<PointId, 3>> triangles, std::span<const Vec3> points, const RunContext& context = {});
 
   /// The same tree around other points.
   TriangleTree moved(std::span<const Vec3> points, const RunContext& context) const;
@@ -100,14 +100,14 @@ class TriangleTree {
   }
 
  private:
-  static constexpr std::uint32_t leaf_size = 4;
+  static constexpr std::uint32_t leaf_size = 4, triangles_without_check = 4096;
   static constexpr std::size_t most_open = 64;  ///< a halved list of 2^32 has 32 levels
   struct Node {
     std::uint32_t begin = 0, end = 0;
     std::uint32_t right = 0;  ///< the second child, the first one is next; 0: a leaf
   };
 
-  std::uint32_t build(std::uint32_t begin, std::uint32_t end);
+  std::uint32_t build(std::uint32_t begin, std::uint32_t end, const RunContext& context);
   void place(std::span<const Vec3> points, const RunContext& context);
   static double squared_distance_to(const Box& box, const Vec3& x);
   static bool meet(const Box& a, const Box& b) {

@@ -38,7 +38,7 @@ IntersectionCheck::IntersectionCheck(const Mesh& mesh, std::span<const Vec3> res
   }
   starts_.push_back(static_cast<std::uint32_t>(triangles_.size()));
   same_ = coincident_points(rest);
-  tree_ = TriangleTree(triangles_, rest);
+  tree_ = TriangleTree(triangles_, rest, context);
   at_rest_ = faces_found(tree_, rest, context, [](std::uint32_t, std::uint32_t) { return true; });
   if (!at_rest_.empty()) remember_rest(rest, context);
 }

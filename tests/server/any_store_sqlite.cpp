@@ -10,7 +10,7 @@ std::unique_ptr<Store> open_geometry_store(const std::filesystem::path& folder) 
 }
 
 INSTANTIATE_TEST_SUITE_P(Sqlite, AnyStore, testing::Values(StoreKind{"geometry_store", open_geometry_store}),
-                         [](const auto& info) { return info.param.name; });
+                         [](const auto& instance) { return instance.param.name; });
 
 }  // namespace
 }  // namespace deform::server

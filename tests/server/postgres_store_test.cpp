@@ -29,7 +29,7 @@ std::unique_ptr<SharedStore> open_shared(
 std::unique_ptr<Store> open_any(const fs::path& folder) { return open_shared(folder, database_of(folder)); }
 
 INSTANTIATE_TEST_SUITE_P(Postgres, AnyStore, testing::Values(StoreKind{"shared_store", open_any}),
-                         [](const auto& info) { return info.param.name; });
+                         [](const auto& instance) { return instance.param.name; });
 
 class SharedStoreTest : public StoreTest {
  protected:

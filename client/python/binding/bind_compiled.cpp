@@ -118,7 +118,7 @@ void with_memory(py::array& array, const Body& body) {
   throw Error(ErrorCode::invalid_argument, "out: expected a writeable array of float64 or float32 in C order");
 }
 
-void evaluate(const Compiled& compiled, const Doubles& designs, py::array out, int threads) {
+void evaluate_designs(const Compiled& compiled, const Doubles& designs, py::array out, int threads) {
   const std::span values(designs.data(), static_cast<std::size_t>(designs.size()));
   with_memory(out, [&](auto points) {
     const py::gil_scoped_release release;
@@ -126,7 +126,7 @@ void evaluate(const Compiled& compiled, const Doubles& designs, py::array out, i
   });
 }
 
-void jacobian_vector(const Compiled& compiled, const Doubles& variables, const Doubles& direction, py::array out, int threads) {
+void derivative_along(const Compiled& compiled, const Doubles& variables, const Doubles& direction, py::array out, int threads) {
   const auto x = numbers_view(variables, "variables"), v = numbers_view(direction, "direction");
   with_memory(out, [&](auto vectors) {
     const py::gil_scoped_release release;
@@ -276,9 +276,9 @@ void bind_compiled(py::module_& module) {
           },
           py::arg("sink"))
       .def("to_bytes", &file_bytes)
-      .def("evaluate", &evaluate, py::arg("designs"), py::arg("out").noconvert(), py::arg("threads"))
+      .def("evaluate", &evaluate_designs, py::arg("designs"), py::arg("out").noconvert(), py::arg("threads"))
       .def("deform", &deform, py::arg("designs"), py::arg("out").noconvert(), py::arg("threads"))
-      .def("jacobian_vector", &jacobian_vector, py::arg("variables"), py::arg("direction"), py::arg("out").noconvert(),
+      .def("jacobian_vector", &derivative_along, py::arg("variables"), py::arg("direction"), py::arg("out").noconvert(),
            py::arg("threads"))
       .def("vector_jacobian", &pull_back<float>, py::arg("variables"), py::arg("cotangent").noconvert(), py::arg("threads"))
       .def("vector_jacobian", &pull_back<double>, py::arg("variables"), py::arg("cotangent").noconvert(), py::arg("threads"));

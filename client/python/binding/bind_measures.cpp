@@ -107,7 +107,7 @@ RunContext context_of(const client::CallOptions& call, int threads) {
 }
 
 /// (values (m,), gradients of (n, 3), least or None)
-py::tuple evaluate(const Measure& measure, const Doubles& points, bool gradients, int threads) {
+py::tuple values_of(const Measure& measure, const Doubles& points, bool gradients, int threads) {
   const auto view = points_view(points, "points");
   measures::Measurement found = run_call({}, [&](const client::CallOptions& call) {
     return measure.evaluate(view, gradients ? measures::Gradients::wanted : measures::Gradients::left_out,
@@ -180,7 +180,7 @@ void bind_measures(py::module_& module) {
           py::arg("mesh"), py::arg("groups"), py::arg("of"), py::arg("keep_out"), py::arg("tolerance"))
       .def_property_readonly("point_count", &Measure::point_count)
       .def_property_readonly("value_count", &Measure::value_count)
-      .def("evaluate", &evaluate, py::arg("points"), py::arg("gradients"), py::arg("threads"));
+      .def("evaluate", &values_of, py::arg("points"), py::arg("gradients"), py::arg("threads"));
   py::class_<measures::SobolevFilter, std::shared_ptr<measures::SobolevFilter>>(module, "SobolevFilter")
       .def(py::init([](const MeshSource& mesh, const Doubles& points, double length, const Names& groups, const std::string& of,
                        double tolerance, std::size_t iterations) {

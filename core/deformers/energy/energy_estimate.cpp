@@ -82,7 +82,7 @@ DeliveredRows delivered_points(const Case& of) {
 Sizes sizes_of(const ShellOptions& options, const Case& of, Estimate& estimate) {
   Sizes sizes;
   const double diagonal = bounding_box(of.mesh.points).diagonal();
-  const EnergyModel model = shell_model(of.mesh, of.points.region_of, options, diagonal > 0 ? diagonal : 1);
+  const EnergyModel model = shell_model(of.mesh, of.points.region_of, options, diagonal > 0 ? diagonal : 1, of.context);
   of.context.check();
   sizes.factor = SparseCholesky::estimate(model.space.energy);
   of.context.check();
@@ -303,7 +303,7 @@ template <typename Options>
 Estimate estimate_of(const Options& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions,
                      const RunContext& context) {
   const bool hard = options.handles == HandleMode::hard;
-  const ConstraintPoints constrained_points = constraint_points(mesh, regions);
+  const ConstraintPoints constrained_points = constraint_points(mesh, regions, context);
   const Box bounds = bounding_box(mesh.points);
   const double diagonal = bounds.diagonal();
   const UnitBox box{bounds.min, diagonal > 0 ? diagonal : 1};

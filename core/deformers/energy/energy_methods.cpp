@@ -132,7 +132,7 @@ std::shared_ptr<const System> EnergyMethod<O>::prepare(const O& options, const s
                                                        const Setup& setup, const RunContext& context, std::size_t memory_budget) {
   const auto model = [&](const std::vector<RegionIndex>& region_of, double diagonal) {
     if constexpr (std::is_same_v<O, ShellOptions>) {
-      EnergyModel result = shell_model(*mesh, region_of, options, diagonal);
+      EnergyModel result = shell_model(*mesh, region_of, options, diagonal, context);
       result.motions = motions_of(options);
       return result;
     } else if constexpr (std::is_same_v<O, FfdOptions>) {

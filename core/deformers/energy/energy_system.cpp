@@ -434,14 +434,15 @@ EnergySystem::Solution EnergySystem::completed(const Eigen::MatrixXd& h, const E
   solution.misfits.assign(static_cast<std::size_t>(h.cols()), 0.0);
   if (model_.eliminated) return solution;
   if (correction_) solution.field.correction = correction_->coefficients(misfit(h, w), context);
-  const Eigen::MatrixXd missed = sampled_misfit(h, solution.field);
+  const Eigen::MatrixXd missed = sampled_misfit(h, solution.field, context);
   for (Eigen::Index c = 0; c < missed.cols() && missed.rows() > 0; ++c) {
     solution.misfits[static_cast<std::size_t>(c)] = missed.col(c).cwiseAbs().maxCoeff();
   }
   return solution;
 }
 
-Eigen::MatrixXd EnergySystem::sampled_misfit(const Eigen::MatrixXd& h, const EnergyField& field) const {
+Eigen::MatrixXd EnergySystem::sampled_misfit(const Eigen::MatrixXd& h, const EnergyField& field,
+                                             const RunContext& context) const {
   const std::vector<std::size_t>& which = checked_;
   const std::size_t count = which.size();
   std::vector<Vec3> places;
@@ -452,6 +453,7 @@ Eigen::MatrixXd EnergySystem::sampled_misfit(const Eigen::MatrixXd& h, const Ene
   Eigen::MatrixXd missed(static_cast<Eigen::Index>(count), h.cols());
   std::vector<double> values(columns * tile_size);
   for (std::size_t t = 0; t < tiled.tiles(); ++t) {
+    context.check();
     std::fill(values.begin(), values.end(), 0.0);
     if (correction_) correction_->add_values(tiled.tile(t), field.correction.data(), columns, values.data());
     for (std::size_t s = t * tile_size; s < std::min((t + 1) * tile_size, count); ++s) {
@@ -512,7 +514,7 @@ void EnergySystem::prepare_basis(const RunContext& context, std::size_t memory_b
     const Eigen::MatrixXd at_held = fields_at_held(h);
     const Solution solution = solve(at_held, context);
     if (checked > 0) {
-      const Eigen::MatrixXd missed = sampled_misfit(at_held, solution.field);
+      const Eigen::MatrixXd missed = sampled_misfit(at_held, solution.field, context);
       for (Eigen::Index s = 0; s < missed.rows(); ++s) {
         for (Eigen::Index f = 0; f < 4; ++f) {
           basis.errors[static_cast<std::size_t>(s) * fields() + 4 * h + static_cast<std::size_t>(f)] = missed(s, f);

@@ -82,7 +82,7 @@ class EnergySystem : public HandleSystem {
   Solution solve(const Eigen::MatrixXd& h, const RunContext& context) const;
   Eigen::MatrixXd misfit(const Eigen::MatrixXd& h, const Eigen::MatrixXd& w) const;
   /// Prescribed - actual values at the sampled handle and fixed points, one row each.
-  Eigen::MatrixXd sampled_misfit(const Eigen::MatrixXd& h, const EnergyField& field) const;
+  Eigen::MatrixXd sampled_misfit(const Eigen::MatrixXd& h, const EnergyField& field, const RunContext& context) const;
   /// The estimated largest error of column c: with hard handles the misfit affects the points next to them.
   double error(const Solution& solution, std::size_t c) const {
     return solution.errors[c] + (hard_handles() ? solution.misfits[c] : 0.0);

@@ -35,7 +35,7 @@ const char* name_of(FfdControl control) { return control == FfdControl::mesh ? "
 
 Estimate estimate_mesh(const FfdOptions& options, const Mesh& mesh, const Setup& setup, const SelectedRegions& regions,
                        const RunContext& context) {
-  const ConstraintPoints points = constraint_points(mesh, regions);
+  const ConstraintPoints points = constraint_points(mesh, regions, context);
   std::vector<PointId> held;
   for (std::size_t i = 0; i < points.region_of.size(); ++i) {
     if (points.region_of[i] != deformable_region) held.push_back(static_cast<PointId>(i));

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <map>
 #include <span>
 #include <unordered_map>
@@ -16,6 +17,7 @@ namespace deform {
 namespace {
 
 constexpr double coincidence = 1e-12;  // of the diagonal
+constexpr std::size_t points_per_check = 4096;
 
 struct Cell {
   std::int64_t x, y, z;
@@ -34,8 +36,10 @@ struct CellHash {
 class Coincidence {
  public:
   /// origin keeps cell numbers small for models far from the coordinate origin.
-  Coincidence(const Mesh& mesh, const Vec3& origin, double tolerance)
-      : mesh_(mesh), origin_(origin), tolerance_(tolerance), cell_(16 * tolerance) {}
+  Coincidence(const Mesh& mesh, const Vec3& origin, double tolerance, std::size_t count)
+      : mesh_(mesh), origin_(origin), tolerance_(tolerance), cell_(16 * tolerance), next_(mesh.point_count(), none) {
+    newest_.reserve(count);
+  }
 
   PointId representative(PointId id) {
     const Vec3& point = mesh_.points[id];
@@ -47,9 +51,8 @@ class Coincidence {
     for (std::int64_t x = low(p[0]); x <= high(p[0]); ++x) {
       for (std::int64_t y = low(p[1]); y <= high(p[1]); ++y) {
         for (std::int64_t z = low(p[2]); z <= high(p[2]); ++z) {
-          const auto found = first_.find({x, y, z});
-          if (found == first_.end()) continue;
-          for (const PointId other : found->second) {
+          const auto found = newest_.find({x, y, z});
+          for (PointId other = found == newest_.end() ? none : found->second; other != none; other = next_[other]) {
             if (near(mesh_.points[other], point)) best = std::min(best, other);
           }
         }
@@ -57,23 +60,28 @@ class Coincidence {
     }
     if (best == id) {
       const auto at = [&](double x) { return static_cast<std::int64_t>(std::floor(x / cell_)); };
-      first_[{at(p[0]), at(p[1]), at(p[2])}].push_back(id);
+      PointId& newest = newest_.try_emplace({at(p[0]), at(p[1]), at(p[2])}, none).first->second;
+      next_[id] = newest;
+      newest = id;
     }
     return best;
   }
 
  private:
+  static constexpr PointId none = std::numeric_limits<PointId>::max();
+
   bool near(const Vec3& a, const Vec3& b) const { return std::hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]) <= tolerance_; }
 
   const Mesh& mesh_;
   Vec3 origin_;
   double tolerance_, cell_;
-  std::unordered_map<Cell, std::vector<PointId>, CellHash> first_;
+  std::unordered_map<Cell, PointId, CellHash> newest_;  ///< of each cell; the others follow by next_
+  std::vector<PointId> next_;
 };
 
 }  // namespace
 
-ConstraintPoints constraint_points(const Mesh& mesh, const SelectedRegions& regions) {
+ConstraintPoints constraint_points(const Mesh& mesh, const SelectedRegions& regions, const RunContext& context) {
   ConstraintPoints result;
   result.region_of.assign(mesh.point_count(), deformable_region);
   for (std::size_t h = 0; h < regions.handles.size(); ++h) {
@@ -81,15 +89,17 @@ ConstraintPoints constraint_points(const Mesh& mesh, const SelectedRegions& regi
   }
   for (const PointId id : regions.fixed) result.region_of[id] = fixed_region;
   const Box box = bounding_box(mesh.points);
-  Coincidence finder(mesh, box.min, std::max(coincidence * box.diagonal(), 1e-290));
+  result.count = static_cast<std::size_t>(std::count_if(result.region_of.begin(), result.region_of.end(),
+                                                        [](RegionIndex region) { return region != deformable_region; }));
+  Coincidence finder(mesh, box.min, std::max(coincidence * box.diagonal(), 1e-290), result.count);
   std::map<PointId, std::vector<PointId>> clusters;
   for (std::size_t i = 0; i < mesh.point_count(); ++i) {
+    if (i % points_per_check == 0) context.check();
     const auto id = static_cast<PointId>(i);
     if (result.region_of[i] == deformable_region) {
       result.deformable.push_back(id);
       continue;
     }
-    ++result.count;
     const PointId first = finder.representative(id);
     if (first != id) clusters[first].push_back(id);
   }

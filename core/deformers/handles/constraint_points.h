@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <vector>
 
+#include "core/base/run_context.h"
 #include "core/deformers/handles/handle_motion.h"
 #include "core/deformers/setup.h"
 #include "core/mesh/mesh.h"
@@ -19,7 +20,8 @@ struct ConstraintPoints {
   std::size_t count = 0;  ///< number of constraint points
 };
 
-ConstraintPoints constraint_points(const Mesh& mesh, const SelectedRegions& regions);
+/// Throws the errors of RunContext::check().
+ConstraintPoints constraint_points(const Mesh& mesh, const SelectedRegions& regions, const RunContext& context = {});
 
 /// Mask of the constraint points of n that are in a face, or a face of a polyhedral cell, or an element with a deformable one;
 /// all constraint points of a mesh without faces and cells.

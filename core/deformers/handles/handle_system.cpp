@@ -60,7 +60,7 @@ HandleSystem::HandleSystem(Held held, const Setup& setup, HandleMode handles, Un
   box_ = {bounds.min, unit == Unit::diagonal ? info_.diagonal : 0};
   for (int k = 0; k < 3 && unit == Unit::longest_edge; ++k) box_.scale = std::max(box_.scale, bounds.max[k] - bounds.min[k]);
   if (!(box_.scale > 0)) box_.scale = 1;
-  points_ = constraint_points(*held_mesh_, regions_);
+  points_ = constraint_points(*held_mesh_, regions_, context);
   if (!hard_handles()) {
     all_.resize(mesh_->point_count());
     std::iota(all_.begin(), all_.end(), PointId{0});

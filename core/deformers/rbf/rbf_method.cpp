@@ -145,7 +145,7 @@ void RbfMethod::validate(const RbfOptions& options, const Setup& setup, const Me
 Estimate RbfMethod::estimate(const RbfOptions& given, const Mesh& mesh, const Setup&, const SelectedRegions& regions,
                              const RunContext& context) {
   const RbfOptions options = with_defaults(given, mesh);
-  const ConstraintPoints points = constraint_points(mesh, regions);
+  const ConstraintPoints points = constraint_points(mesh, regions, context);
   context.check();
   RbfCentres centres = choose_centres(mesh, points, regions.handles.size(), options, context);
   context.check();
@@ -212,7 +212,7 @@ Estimate RbfMethod::estimate(const RbfOptions& given, const Mesh& mesh, const Se
 std::optional<std::vector<PointId>> RbfMethod::known_centres(const RbfOptions& given, const Mesh& mesh,
                                                              const SelectedRegions& regions, const RunContext& context) {
   const RbfOptions options = with_defaults(given, mesh);
-  const ConstraintPoints points = constraint_points(mesh, regions);
+  const ConstraintPoints points = constraint_points(mesh, regions, context);
   context.check();
   RbfCentres centres = choose_centres(mesh, points, regions.handles.size(), options, context);
   context.check();

@@ -106,7 +106,7 @@ std::vector<Triangle> fan_triangles(const Mesh& mesh, const std::vector<char>& f
   return triangles;
 }
 
-ShellOperators shell_operators(const Mesh& mesh, double scale, const std::vector<char>& faces) {
+ShellOperators shell_operators(const Mesh& mesh, double scale, const std::vector<char>& faces, const RunContext& context) {
   check_scale(scale);
   const auto n = static_cast<std::int64_t>(mesh.point_count());
   const std::vector<Triangle> triangles = fan_triangles(mesh, faces);
@@ -115,7 +115,10 @@ ShellOperators shell_operators(const Mesh& mesh, double scale, const std::vector
   std::vector<Entry> entries;
   entries.reserve(12 * triangles.size());
   double area = 0;
-  for (const Triangle& triangle : triangles) {
+  constexpr std::size_t triangles_per_check = 8192;
+  for (std::size_t t = 0; t < triangles.size(); ++t) {
+    if (t % triangles_per_check == 0) context.check();
+    const Triangle& triangle = triangles[t];
     const Shape shape(mesh.points, triangle, scale);
     if (shape.flat && result.flat_triangles++ == 0) result.first_flat = triangle.face;
     if (shape.doubled <= 0) continue;
@@ -132,6 +135,7 @@ ShellOperators shell_operators(const Mesh& mesh, double scale, const std::vector
     }
   }
   if (area > 0) result.stretched_area /= area;
+  context.check();
   result.laplacian.resize(n, n);
   result.laplacian.setFromTriplets(entries.begin(), entries.end());
   return result;

@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "core/base/run_context.h"
 #include "core/mesh/mesh.h"
 #include "core/numerics/sparse/sparse.h"
 
@@ -43,8 +44,10 @@ struct ShellOperators {
   static constexpr double stretched = 5;
 };
 
-/// Assembles the operators. Throws Error(invalid_argument) if scale is not positive and finite. Deterministic.
-ShellOperators shell_operators(const Mesh& mesh, double scale, const std::vector<char>& faces = {});
+/// Assembles the operators. Throws Error(invalid_argument) if scale is not positive and finite, and the errors of
+/// RunContext::check(). Deterministic.
+ShellOperators shell_operators(const Mesh& mesh, double scale, const std::vector<char>& faces = {},
+                               const RunContext& context = {});
 
 /// The gradient matrix G with 3 rows per triangle of fan_triangles() and n columns: the gradient of the piecewise linear function
 /// on each triangle, times the square root of its area. So G^T G = -laplacian and |G u|^2 is the integral of |grad u|^2 (thesis

@@ -4,6 +4,9 @@
 #include <cmath>
 
 #include "core/deformers/energy/energy_system.h"
+#include "core/deformers/energy/spaces/shell.h"
+#include "core/deformers/handles/constraint_points.h"
+#include "core/mesh/operators/shell_operators.h"
 #include "tests/core/deformers/energy_cases.h"
 #include "tests/support/expect_error.h"
 
@@ -212,6 +215,33 @@ TEST(Shell, StopsWhenTold) {
   stop.request_stop();
   test::expect_error(ErrorCode::cancelled, {},
                      [&] { prepare(shared(test::bumpy_sheet(21, 11)), shell(test::sheet_setup()), context); });
+}
+
+// The energy is assembled a block of columns at a time; here there are two.
+TEST(Shell, TheBendingEnergyOfManyPointsIsTheWholeProduct) {
+  const Mesh mesh = test::bumpy_sheet(181, 101);
+  ShellOptions options;
+  options.handles = HandleMode::soft;
+  options.bending = 3;
+  const EnergyModel model = shell_model(mesh, std::vector<RegionIndex>(mesh.point_count(), fixed_region), options, 1);
+  const ShellOperators operators = shell_operators(mesh, 1);
+  const SparseMatrix scaled = operators.areas.cwiseInverse().asDiagonal() * operators.laplacian;
+  const SparseMatrix product = 3 * SparseMatrix(SparseMatrix(operators.laplacian * scaled).triangularView<Eigen::Lower>());
+  ASSERT_EQ(model.space.energy.cols(), product.cols());
+  EXPECT_LT(SparseMatrix(model.space.energy - product).norm(), 1e-14 * product.norm());
+  EXPECT_TRUE(model.space.energy.isCompressed());
+}
+
+TEST(Shell, PreparingCanBeStoppedBeforeThereIsASystem) {
+  std::stop_source stop;
+  RunContext context;
+  context.stop = stop.get_token();
+  stop.request_stop();
+  const Mesh mesh = test::bumpy_sheet(21, 11);
+  const SelectedRegions regions = validate(test::sheet_setup(), mesh);
+  test::expect_error(ErrorCode::cancelled, {}, [&] { constraint_points(mesh, regions, context); });
+  const std::vector<RegionIndex> region_of = constraint_points(mesh, regions).region_of;
+  test::expect_error(ErrorCode::cancelled, {}, [&] { shell_model(mesh, region_of, {}, 1, context); });
 }
 
 }  // namespace

@@ -10,6 +10,7 @@
 #include <random>
 
 #include "tests/core/quality/surface_meshes.h"
+#include "tests/support/expect_error.h"
 
 namespace deform {
 namespace {
@@ -343,6 +344,15 @@ TEST(TriangleTree, WithoutTriangles) {
     return true;
   });
   EXPECT_FALSE(tree.moved(Points{}, RunContext{}).first(Ray({0, 0, 0}, {1, 0, 0}), [](std::uint32_t) { return true; }).found());
+}
+
+TEST(TriangleTree, MakingOneOfManyTrianglesCanBeStopped) {
+  std::stop_source stop;
+  RunContext context;
+  context.stop = stop.get_token();
+  stop.request_stop();
+  const Soup made = soup(5000, 0.1, 3);
+  test::expect_error(ErrorCode::cancelled, {}, [&] { TriangleTree(made.triangles, made.points, context); });
 }
 
 }  // namespace

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/deformers/energy/spaces/shell.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <string>
@@ -94,7 +95,7 @@ struct Bending {
   SparseMatrix unknown, held;
 };
 
-Bending bending_roots(const ShellOperators& operators, const Columns& columns) {
+Bending bending_roots(const ShellOperators& operators, const Columns& columns, const RunContext& context) {
   std::vector<Entry> unknown, held;
   unknown.reserve(static_cast<std::size_t>(operators.laplacian.nonZeros()));
   for (std::int64_t r = 0; r < operators.laplacian.cols(); ++r) {
@@ -108,21 +109,50 @@ Bending bending_roots(const ShellOperators& operators, const Columns& columns) {
   }
   Bending bending{SparseMatrix(operators.laplacian.rows(), columns.unknowns),
                   SparseMatrix(operators.laplacian.rows(), columns.held_count)};
+  context.check();
   bending.unknown.setFromTriplets(unknown.begin(), unknown.end());
+  context.check();
   bending.held.setFromTriplets(held.begin(), held.end());
   return bending;
 }
 
-void assemble(const ShellOperators& operators, const Columns& columns, const ShellOptions& options, EnergyModel& model) {
+/// The lower triangle of A^T A.
+SparseMatrix lower_square(const SparseMatrix& A, const SparseMatrix& transposed, const RunContext& context) {
+  constexpr std::int64_t columns_at_once = 16384;
+  SparseMatrix result(A.cols(), A.cols());
+  for (std::int64_t first = 0; first < A.cols(); first += columns_at_once) {
+    context.check();
+    const std::int64_t count = std::min(columns_at_once, A.cols() - first);
+    const SparseMatrix block = transposed * A.middleCols(first, count);
+    std::int64_t entries = 0;
+    for (std::int64_t c = 0; c < count; ++c) {
+      for (SparseMatrix::InnerIterator it(block, c); it; ++it) entries += it.row() >= first + c ? 1 : 0;
+    }
+    // The first block tells about how many there will be.
+    if (first == 0) result.reserve(entries / count * A.cols() + A.cols());
+    for (std::int64_t c = 0; c < count; ++c) {
+      result.startVec(first + c);
+      for (SparseMatrix::InnerIterator it(block, c); it; ++it) {
+        if (it.row() >= first + c) result.insertBack(it.row(), first + c) = it.value();
+      }
+    }
+  }
+  result.finalize();
+  return result;
+}
+
+void assemble(const ShellOperators& operators, const Columns& columns, const ShellOptions& options, EnergyModel& model,
+              const RunContext& context) {
   SparseMatrix K(columns.unknowns, columns.unknowns), C(columns.unknowns, columns.held_count);
   if (options.bending > 0) {
-    const Bending roots = bending_roots(operators, columns);
+    const Bending roots = bending_roots(operators, columns, context);
     const SparseMatrix transposed = roots.unknown.transpose();
-    const SparseMatrix square = transposed * roots.unknown;
-    K = options.bending * SparseMatrix(square.triangularView<Eigen::Lower>());
+    K = options.bending * lower_square(roots.unknown, transposed, context);
+    context.check();
     C = options.bending * SparseMatrix(transposed * roots.held);
   }
   if (options.stretching > 0) {
+    context.check();
     std::vector<Entry> unknown, held;
     for (std::int64_t c = 0; c < operators.laplacian.cols(); ++c) {
       for (SparseMatrix::InnerIterator it(operators.laplacian, c); it; ++it) {
@@ -148,8 +178,8 @@ void assemble(const ShellOperators& operators, const Columns& columns, const She
 
 }  // namespace
 
-EnergyModel shell_model(const Mesh& mesh, const std::vector<RegionIndex>& region_of, const ShellOptions& options,
-                        double diagonal) {
+EnergyModel shell_model(const Mesh& mesh, const std::vector<RegionIndex>& region_of, const ShellOptions& options, double diagonal,
+                        const RunContext& context) {
   const std::size_t n = mesh.point_count();
   EnergyModel model;
   model.eliminated = options.handles == HandleMode::hard;
@@ -161,8 +191,9 @@ EnergyModel shell_model(const Mesh& mesh, const std::vector<RegionIndex>& region
     // The rows of L within one ring are whole when all faces at their points are there.
     faces = faces_at(mesh, Adjacency(mesh).grow(deformable, 1));
   }
-  const ShellOperators operators = shell_operators(mesh, diagonal > 0 ? diagonal : 1, faces);
+  const ShellOperators operators = shell_operators(mesh, diagonal > 0 ? diagonal : 1, faces, context);
   check_held(operators.laplacian, operators.areas, region_of);
+  context.check();
 
   Columns columns{std::vector<std::int64_t>(n, none), std::vector<std::int64_t>(n, none)};
   for (std::size_t i = 0; i < n; ++i) {
@@ -175,7 +206,9 @@ EnergyModel shell_model(const Mesh& mesh, const std::vector<RegionIndex>& region
       if (region_of[i] != deformable_region) model.held.push_back(static_cast<PointId>(i));
     }
   }
-  assemble(operators, columns, options, model);
+  context.check();
+  assemble(operators, columns, options, model, context);
+  context.check();
 
   std::vector<Entry> ones;
   for (std::size_t i = 0; i < n; ++i) {

@@ -3,6 +3,7 @@
 
 #include <vector>
 
+#include "core/base/run_context.h"
 #include "core/deformers/energy/spaces/energy_space.h"
 #include "core/deformers/handles/handle_motion.h"
 #include "core/deformers/setup.h"
@@ -16,8 +17,8 @@ namespace deform {
 ///    points within two rings of the deformable points enter; the others have no influence.
 ///  - Soft handles: one function per point (eq. 8.9, 8.10 without the last term).
 /// Throws Error(invalid_argument) for deformable points without a face, and for components of the surface without handle or fixed
-/// points (with their number and the first point).
-EnergyModel shell_model(const Mesh& mesh, const std::vector<RegionIndex>& region_of, const ShellOptions& options,
-                        double diagonal);
+/// points (with their number and the first point), and the errors of RunContext::check().
+EnergyModel shell_model(const Mesh& mesh, const std::vector<RegionIndex>& region_of, const ShellOptions& options, double diagonal,
+                        const RunContext& context = {});
 
 }  // namespace deform

@@ -35,8 +35,8 @@ constexpr std::size_t dense_per_centre = 20;
 bool is_global(const SubspaceOptions& options) { return options.kernel && !properties(*options.kernel).has_shape; }
 
 /// n x n, both triangles. Points without a triangle have no energy.
-SparseMatrix shell_energy(const Mesh& mesh, double diagonal, double stretching, double bending) {
-  const ShellOperators shell = shell_operators(mesh, diagonal);
+SparseMatrix shell_energy(const Mesh& mesh, double diagonal, double stretching, double bending, const RunContext& context) {
+  const ShellOperators shell = shell_operators(mesh, diagonal, {}, context);
   SparseMatrix energy = -stretching * shell.laplacian;
   if (bending == 0) return energy;
   SparseMatrix scaled = shell.laplacian;  // symmetric: its columns are its rows
@@ -44,6 +44,7 @@ SparseMatrix shell_energy(const Mesh& mesh, double diagonal, double stretching, 
     const double inverse = shell.areas[j] > 0 ? bending / shell.areas[j] : 0;
     for (SparseMatrix::InnerIterator it(scaled, j); it; ++it) it.valueRef() *= inverse;
   }
+  context.check();
   energy += SparseMatrix(scaled * shell.laplacian);
   return energy;
 }
@@ -129,7 +130,7 @@ EnergySpace shell_subspace(const Mesh& mesh, const SubspaceOptions& options, std
   const std::vector<Vec3> centres = spread_centres(mesh, points, std::min(options.centres, points.size()), seed, context);
   context.progress("sample", 1);
   const double diagonal = bounding_box(mesh.points).diagonal();
-  const SparseMatrix energy = shell_energy(mesh, diagonal, options.stretching, options.bending);
+  const SparseMatrix energy = shell_energy(mesh, diagonal, options.stretching, options.bending, context);
   EnergySpace space;
   space.linear = SparseMatrix(static_cast<Index>(centres.size()), 0);
   context.progress("basis", 0);

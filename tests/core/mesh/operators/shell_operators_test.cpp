@@ -158,5 +158,13 @@ TEST(ShellOperators, ScaleIsChecked) {
   test::expect_error(ErrorCode::invalid_argument, {"scale", "positive"}, [&] { shell_gradient(mesh, HUGE_VAL); });
 }
 
+TEST(ShellOperators, AssemblyCanBeStopped) {
+  std::stop_source stop;
+  RunContext context;
+  context.stop = stop.get_token();
+  stop.request_stop();
+  test::expect_error(ErrorCode::cancelled, {}, [&] { shell_operators(test::tetrahedron(), 1, {}, context); });
+}
+
 }  // namespace
 }  // namespace deform
