@@ -489,6 +489,7 @@ std::unique_ptr<const SpaceMap> MirroredSystem::bind_in_space(const Design& desi
 
 System::SpaceBytes MirroredSystem::space_bytes(std::size_t points) const {
   SpaceBytes bytes = whole_->space_bytes(points);
+  bytes.map += PartnerPlaces::bytes_for(regions_.symmetry.sector());
   bytes.call += 2 * mirrored_.images() * points * sizeof(Vec3);
   return bytes;
 }

@@ -141,6 +141,7 @@ enum class MlsDomain {
   enclosed,  ///< the volume enclosed by the faces, or else as `surface`
   /// As `enclosed`, with more samples, and supports that go around slots of the body, so that these do not join their sides.
   connected,
+  body,  ///< as `connected`, with more samples in an enclosed volume, however few points the mesh has
 };
 
 /// The default of MlsOptions::cover, see docs/methods/mls.md.
@@ -148,11 +149,11 @@ constexpr double default_cover(MlsDomain domain) { return domain == MlsDomain::s
 
 /// Moving least squares in space with energies integrated over the volume (thesis 8.4). Works for every kind of mesh.
 struct MlsOptions : EnergyOptions {
-  MlsDomain domain = MlsDomain::connected;  ///< domain of integration of the energies
-  std::size_t surface_samples = 0;          ///< 0 = automatic; at most 1,000,000
-  std::size_t volume_samples = 0;           ///< 0 = automatic; at most 1,000,000
-  double cubature = 4;                      ///< integration points per sample, 1..64
-  double cover = 0;                         ///< samples whose support contains a point, 5..1000; 0 = default_cover(domain)
+  MlsDomain domain = MlsDomain::body;  ///< domain of integration of the energies
+  std::size_t surface_samples = 0;     ///< 0 = automatic; at most 1,000,000
+  std::size_t volume_samples = 0;      ///< 0 = automatic; at most 1,000,000
+  double cubature = 4;                 ///< integration points per sample, 1..64
+  double cover = 0;                    ///< samples whose support contains a point, 5..1000; 0 = default_cover(domain)
   /// Different weights in a region: they apply at the integration points whose nearest point of the mesh belongs to it. If
   /// several regions apply, the last one counts.
   struct Weights {

@@ -89,7 +89,10 @@ std::vector<char> left_handed(const MovingCells& cells, std::span<const Vec3> re
 /// The results of the ranges of a loop, in their order.
 template <typename T>
 std::vector<T> joined(std::vector<std::vector<T>> ranges) {
+  std::size_t size = 0;
+  for (const auto& range : ranges) size += range.size();
   std::vector<T> all;
+  all.reserve(size);
   for (const auto& range : ranges) all.insert(all.end(), range.begin(), range.end());
   return all;
 }
@@ -105,10 +108,10 @@ struct Look {
   MovingCells::State state;
 };
 
-/// A cell that may be inverted on the way, as far as bounds can tell: its deformation at both ends.
+/// A cell that may be inverted on the way, as far as bounds can tell: its deformation at the end.
 struct Suspect {
   std::size_t cell;
-  MotionCertificate::Stretch from, to;
+  MotionCertificate::Stretch to;
 };
 
 }  // namespace
@@ -185,21 +188,20 @@ class InversionCheck::Impl {
 
   SafeAmplitude amplitude(std::span<const Vec3> from, bool from_rest, std::span<const Vec3> to, const RunContext& context) const {
     End end = at_end(to, nullptr, context);
-    if (!from_rest) {
-      std::vector<std::uint32_t> cells, either;
-      for (const Suspect& suspect : end.suspects) cells.push_back(suspect.cell);
-      const auto others = doubtful(from, -std::numeric_limits<double>::infinity(), context);
-      std::set_union(cells.begin(), cells.end(), others.begin(), others.end(), std::back_inserter(either));
-      end.suspects = stretched(from, to, either, context);
-    }
-    return safety(from, to, std::move(end.inverted), most_deformed_first(std::move(end.suspects)), context);
+    if (from_rest) return safety({rest_, {}}, to, std::move(end), context);
+    std::vector<std::uint32_t> cells, either;
+    for (const Suspect& suspect : end.suspects) cells.push_back(static_cast<std::uint32_t>(suspect.cell));
+    const auto others = doubtful(from, -std::numeric_limits<double>::infinity(), context);
+    std::set_union(cells.begin(), cells.end(), others.begin(), others.end(), std::back_inserter(either));
+    end.suspects = stretched(to, either, context);
+    return safety({from, from}, to, std::move(end), context);
   }
 
   SafeAmplitude amplitude(std::span<const Vec3> to, const FieldMotion& motion, const RunContext& context) const {
     if (!bounds_) throw Error(ErrorCode::invalid_argument, "motion: the check was made without displacement fields");
     if (to.size() != rest_.size() || !(bounds_->reach(motion) < surely_finite)) check(to);
     End end = at_end(to, &motion, context);
-    return safety(rest_, to, std::move(end.inverted), most_deformed_first(std::move(end.suspects)), context);
+    return safety({rest_, {}}, to, std::move(end), context);
   }
 
  private:
@@ -209,12 +211,18 @@ class InversionCheck::Impl {
     std::vector<Suspect> suspects;
   };
 
-  SafeAmplitude safety(std::span<const Vec3> from, std::span<const Vec3> to, Inversions inverted, std::vector<Suspect> suspects,
-                       const RunContext& context) const {
+  /// Where a motion begins.
+  struct Start {
+    std::span<const Vec3> points;
+    std::span<const Vec3> moved;  ///< the same, if it is not at rest
+  };
+
+  SafeAmplitude safety(const Start& start, std::span<const Vec3> to, End end, const RunContext& context) const {
     SafeAmplitude result;
-    result.inverted = std::move(inverted);
+    result.inverted = std::move(end.inverted);
+    const std::vector<Suspect> suspects = most_deformed_first(start, std::move(end.suspects), context);
     result.suspects = suspects.size();
-    Extreme first = first_inversion(from, to, std::move(suspects), context);
+    Extreme first = first_inversion(start, to, suspects, context);
     // The tolerance on the way is half of that at its end.
     if (first.value > 1 && result.inverted.count > 0) first = {1, result.inverted.worst.front().id};
     if (first.value > 1) return result;
@@ -268,7 +276,7 @@ class InversionCheck::Impl {
         const std::size_t c = unproven[i];
         const MotionCertificate::Stretch stretch = certificate_->stretch(points, c);
         const auto bound = certificate_->bound(c, stretch);
-        if (!bound.sound) suspects[begin / grain].push_back({c, {}, stretch});
+        if (!bound.sound) suspects[begin / grain].push_back({c, stretch});
         if (bound.sound && bound.determinant > least.load(std::memory_order_relaxed)) continue;
         looks[begin / grain].push_back({c, cells_->state(points, c)});
         lower(least, looks[begin / grain].back().state.determinant);
@@ -285,34 +293,42 @@ class InversionCheck::Impl {
     return {summary(all), joined(std::move(suspects))};
   }
 
-  /// These cells with their deformation at both ends.
-  std::vector<Suspect> stretched(std::span<const Vec3> from, std::span<const Vec3> to, std::span<const std::uint32_t> cells,
+  /// These cells with their deformation at the end.
+  std::vector<Suspect> stretched(std::span<const Vec3> to, std::span<const std::uint32_t> cells,
                                  const RunContext& context) const {
     std::vector<Suspect> all(cells.size());
     parallel_for(context, cells.size(), grain, [&](std::size_t begin, std::size_t end) {
-      for (std::size_t i = begin; i < end; ++i) {
-        all[i] = {cells[i], certificate_->stretch(from, cells[i]), certificate_->stretch(to, cells[i])};
-      }
+      for (std::size_t i = begin; i < end; ++i) all[i] = {cells[i], certificate_->stretch(to, cells[i])};
     });
     return all;
   }
 
   /// Those that the bounds of their deformation do not clear.
-  std::vector<Suspect> most_deformed_first(std::vector<Suspect> suspects) const {
-    std::erase_if(suspects, [&](const Suspect& suspect) { return cleared(suspect, 1); });
+  std::vector<Suspect> most_deformed_first(const Start& start, std::vector<Suspect> suspects, const RunContext& context) const {
+    std::vector<char> clear(suspects.size());
+    parallel_for(context, suspects.size(), grain, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t i = begin; i < end; ++i) clear[i] = cleared(start, suspects[i], 1) ? 1 : 0;
+    });
+    std::size_t left = 0;
+    for (std::size_t i = 0; i < suspects.size(); ++i) {
+      if (clear[i] == 0) suspects[left++] = suspects[i];
+    }
+    suspects.resize(left);
     std::stable_sort(suspects.begin(), suspects.end(),
                      [](const Suspect& a, const Suspect& b) { return a.to.gradient > b.to.gradient; });
     return suspects;
   }
 
   /// Not inverted on the way as far as `share` of it.
-  bool cleared(const Suspect& suspect, double share) const {
-    return certificate_->bound(suspect.cell, MotionCertificate::Stretch::between(suspect.from, suspect.to, share)).sound &&
-           certificate_->bound(suspect.cell, suspect.from).sound;
+  bool cleared(const Start& start, const Suspect& suspect, double share) const {
+    const MotionCertificate::Stretch from =
+        start.moved.empty() ? MotionCertificate::Stretch{} : certificate_->stretch(start.moved, suspect.cell);
+    return certificate_->bound(suspect.cell, MotionCertificate::Stretch::between(from, suspect.to, share)).sound &&
+           certificate_->bound(suspect.cell, from).sound;
   }
 
   /// The first inversion of all, and whose it is. `bound` only saves work: no cell with a smaller or equal one is passed over.
-  Extreme first_inversion(std::span<const Vec3> from, std::span<const Vec3> to, std::vector<Suspect> suspects,
+  Extreme first_inversion(const Start& start, std::span<const Vec3> to, const std::vector<Suspect>& suspects,
                           const RunContext& context) const {
     const Extreme none{std::numeric_limits<double>::infinity(), 0};
     std::vector<Extreme> of_range((suspects.size() + suspects_grain - 1) / suspects_grain, none);
@@ -321,8 +337,8 @@ class InversionCheck::Impl {
       Extreme& least = of_range[begin / suspects_grain];
       for (std::size_t i = begin; i < end; ++i) {
         const double share = bound.load(std::memory_order_relaxed);
-        if (cleared(suspects[i], share)) continue;
-        const Extreme found{cells_->first_inversion(from, to, suspects[i].cell, share), suspects[i].cell};
+        if (cleared(start, suspects[i], share)) continue;
+        const Extreme found{cells_->first_inversion(start.points, to, suspects[i].cell, share), suspects[i].cell};
         if (before(found, least)) least = found;
         lower(bound, found.value);
       }
@@ -403,7 +419,7 @@ std::size_t InversionCheck::bytes_for(const CellSet& cells, std::size_t points, 
   if (empty(cells)) return 0;
   // Excluded and left-handed or not, where its sides and its nodes begin; and while looking what is found out about it.
   constexpr std::size_t each = 2 + 2 * sizeof(std::uint64_t),
-                        looking = 2 * sizeof(std::uint32_t) + 2 * sizeof(Look) + sizeof(Extreme);
+                        looking = 4 * sizeof(std::uint32_t) + 2 * sizeof(Look) + sizeof(Extreme);
   constexpr std::size_t side = 16;
   const auto* polyhedra = std::get_if<const PolyhedralCells*>(&cells);
   const std::size_t count = deform::cell_count(cells), nodes = node_count(cells);

@@ -209,9 +209,12 @@ bool stored_without_domain(const v1::MlsMethod& message) {
 }
 
 MlsDomain mls_domain(const v1::MlsMethod& message) {
-  const bool surface = known(message.domain(), "method.mls.domain") == v1::DOMAIN_SURFACE || stored_without_domain(message);
-  if (surface) return MlsDomain::surface;
-  return message.domain() == v1::DOMAIN_ENCLOSED ? MlsDomain::enclosed : MlsDomain::connected;
+  const v1::MlsDomain domain = known(message.domain(), "method.mls.domain");
+  if (domain == v1::DOMAIN_SURFACE || stored_without_domain(message)) return MlsDomain::surface;
+  if (domain == v1::DOMAIN_ENCLOSED) return MlsDomain::enclosed;
+  // The same with numbers of samples: by the former default these setups have the ids that stores hold.
+  const bool numbers = domain == v1::DOMAIN_DEFAULT && message.surface_samples() != 0 && message.volume_samples() != 0;
+  return domain == v1::DOMAIN_CONNECTED || numbers ? MlsDomain::connected : MlsDomain::body;
 }
 
 MlsOptions mls_options(const v1::MlsMethod& message, Problems& problems) {
@@ -387,6 +390,7 @@ void canonicalize_mls(v1::MlsMethod& mls) {
   const MlsDomain domain = mls_domain(mls);
   if (domain == MlsDomain::surface) mls.set_domain(v1::DOMAIN_DEFAULT);
   if (domain == MlsDomain::connected) mls.set_domain(v1::DOMAIN_CONNECTED);
+  if (domain == MlsDomain::body) mls.set_domain(v1::DOMAIN_BODY);
   canonicalize_energy(*mls.mutable_energy(), misfit_rule(mls, "method.mls.energy"));
   if (mls.cubature() == 0) mls.set_cubature(defaults.cubature);
   if (mls.cover() == 0) mls.set_cover(default_cover(domain));

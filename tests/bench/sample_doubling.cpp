@@ -88,9 +88,8 @@ void measure(const std::string& name, const std::shared_ptr<const Mesh>& mesh, R
   const auto evaluation = by_default.system->bind({&design, 1}, EvaluationPath::automatic, {});
   const double prescribed = evaluation->report(0).prescribed_displacement;
   const Points before = by_default.system->evaluate(design);
-  // The defaults are at most as many as there are points.
-  options.surface_samples = 2 * std::min<std::size_t>(6000, mesh->point_count());
-  options.volume_samples = 2 * std::min<std::size_t>(8000, mesh->point_count());
+  options.surface_samples = 2 * 8000;
+  options.volume_samples = 2 * 10000;
   const Prepared twice = prepared(mesh, options);
   report.at_most(name + " (" + std::to_string(mesh->point_count()) + " points): twice the samples move the shape by",
                  100 * largest_distance(before, twice.system->evaluate(design)) / prescribed, 1, " %");

@@ -673,17 +673,26 @@ TEST(ConvertSetup, stored_spaces_keep_their_meaning_and_their_id) {
   EXPECT_EQ(canonical_setup(stored, geometry).method().SerializeAsString(), stored.method().SerializeAsString());
   EXPECT_EQ(canonical_setup(named, geometry).method().SerializeAsString(), stored.method().SerializeAsString());
   for (const v1::Setup& surface : {stored, named}) EXPECT_EQ(domain(surface), MlsDomain::surface);
-  v1::Setup enclosed = plain;  // stored before supports went around slots
+  v1::Setup enclosed = plain, connected = plain;  // stored before supports went around slots, and before there were more samples
   enclosed.mutable_method()->mutable_mls()->set_domain(v1::DOMAIN_ENCLOSED);
-  for (const auto& [setup, expected] : {std::pair{plain, MlsDomain::connected}, {enclosed, MlsDomain::enclosed}}) {
+  connected.mutable_method()->mutable_mls()->set_domain(v1::DOMAIN_CONNECTED);
+  for (const auto& [setup, expected] :
+       {std::pair{plain, MlsDomain::body}, {enclosed, MlsDomain::enclosed}, {connected, MlsDomain::connected}}) {
     for (const v1::Setup& form : {setup, canonical_setup(setup, geometry)}) {
       EXPECT_EQ(domain(form), expected);
       EXPECT_EQ(std::get<MlsOptions>(setup_from_proto(form, 10).method).cover, 20);
     }
   }
-  const v1::Setup kept = canonical_setup(enclosed, geometry);
-  EXPECT_EQ(kept.method().mls().domain(), v1::DOMAIN_ENCLOSED);
-  EXPECT_EQ(canonical_setup(plain, geometry).method().mls().domain(), v1::DOMAIN_CONNECTED);
+  const auto canonical_domain = [](const v1::Setup& setup) { return canonical_setup(setup, geometry).method().mls().domain(); };
+  EXPECT_EQ(canonical_domain(enclosed), v1::DOMAIN_ENCLOSED);
+  EXPECT_EQ(canonical_domain(connected), v1::DOMAIN_CONNECTED);
+  EXPECT_EQ(canonical_domain(plain), v1::DOMAIN_BODY);
+  // With both numbers of samples the results, and so the ids, are those from before.
+  v1::MlsMethod& numbers = *plain.mutable_method()->mutable_mls();
+  numbers.set_surface_samples(300);
+  EXPECT_EQ(canonical_domain(plain), v1::DOMAIN_BODY);
+  numbers.set_volume_samples(200);
+  EXPECT_EQ(canonical_domain(plain), v1::DOMAIN_CONNECTED);
 
   for (v1::Setup* setup : {&stored, &named, &plain}) {
     *setup = sheet_setup(geometry);

@@ -438,7 +438,9 @@ def canonical_method(method, flat):
     if kind == "mls":
         stored = stored and chosen.cubature != 0 and chosen.cover != 0 and chosen.domain == setup_pb2.DOMAIN_DEFAULT
         surface = stored or chosen.domain == setup_pb2.DOMAIN_SURFACE
-        chosen.domain = setup_pb2.DOMAIN_DEFAULT if surface else chosen.domain or setup_pb2.DOMAIN_CONNECTED
+        numbers = chosen.surface_samples != 0 and chosen.volume_samples != 0
+        usual = setup_pb2.DOMAIN_CONNECTED if numbers else setup_pb2.DOMAIN_BODY
+        chosen.domain = setup_pb2.DOMAIN_DEFAULT if surface else chosen.domain or usual
         instead_of_zero(chosen, "cubature", 4)
         instead_of_zero(chosen, "cover", 12 if surface else 20)
         for weights in chosen.weights:

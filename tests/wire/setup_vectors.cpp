@@ -66,6 +66,8 @@ constexpr SetupCase cases[] = {
          "handles": [{"name": "a", "region": {"group": "g"}}]})"},
     {"mls with straight supports", R"({"method": {"mls": {"domain": "DOMAIN_ENCLOSED"}},
          "handles": [{"name": "a", "region": {"group": "g"}}]})"},
+    {"mls with as many samples as given", R"({"method": {"mls": {"surfaceSamples": 300, "volumeSamples": 200}},
+         "handles": [{"name": "a", "region": {"group": "g"}}]})"},
     {"mls on the surface alone", R"({"method": {"mls": {"domain": "DOMAIN_SURFACE", "surfaceSamples": 300}},
          "handles": [{"name": "a", "region": {"group": "g"}}]})"},
     {"mls as it was stored before it had a domain", R"({"method": {"mls": {"energy": {"bending": 1, "handles": "HANDLES_HARD"},

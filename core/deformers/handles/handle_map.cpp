@@ -20,7 +20,9 @@ HandleMap::HandleMap(std::unique_ptr<const HandleEvaluation> evaluation)
       partners_(evaluation_->system_->regions_.symmetry.sector(), *evaluation_->system_->mesh_) {
   const HandleSystem& system = *evaluation_->system_;
   const Mesh& mesh = *system.mesh_;
-  for (const auto& [id, to] : evaluation_->replaced()) given_.push_back({mesh.points[id], to});
+  const auto replaced = evaluation_->replaced();
+  given_.reserve(replaced.size() + (system.hard_handles() ? system.points_.count : 0));
+  for (const auto& [id, to] : replaced) given_.push_back({mesh.points[id], to});
   for (std::size_t i = 0; system.hard_handles() && i < mesh.point_count(); ++i) {
     const auto id = static_cast<PointId>(i);
     if (!system.is_prescribed(id)) continue;

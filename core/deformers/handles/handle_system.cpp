@@ -252,7 +252,7 @@ std::unique_ptr<const SpaceMap> HandleSystem::bind_in_space(const Design& design
 System::SpaceBytes HandleSystem::space_bytes(std::size_t) const {
   std::size_t given = hard_handles() ? points_.count : 0;
   if (!setup_.constraints.empty()) given = mesh_->point_count();  // which may be any
-  return {HandleMap::bytes_for(given), 0};
+  return {HandleMap::bytes_for(given) + PartnerPlaces::bytes_for(regions_.symmetry.sector()), 0};
 }
 
 /// Transpose of "fields of the handles to displacements of the following points": 4H x 3 for each cotangent, model coordinates.

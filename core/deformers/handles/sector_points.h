@@ -44,6 +44,7 @@ std::string sector_conflict(const Symmetry& symmetry, const MotionOf& motion_of,
 class PartnerPlaces {
  public:
   PartnerPlaces(const Sector& sector, const Mesh& mesh) {
+    entries_.reserve(2 * sector.pairs().size());
     for (const Sector::Pair& pair : sector.pairs()) {
       entries_.push_back({mesh.points[pair.first], pair.first, false});
       entries_.push_back({mesh.points[pair.second], pair.first, true});
@@ -57,6 +58,7 @@ class PartnerPlaces {
     PointId first;   ///< of the two partners
     bool is_second;  ///< whether the place is that of the other one
   };
+  static std::size_t bytes_for(const Sector& sector) { return 2 * sector.pairs().size() * sizeof(Entry); }
   /// Null if there is none.
   const Entry* at(const Vec3& place) const {
     const auto found =

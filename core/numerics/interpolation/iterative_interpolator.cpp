@@ -26,6 +26,7 @@ constexpr int direct = last_sum_order + 2;          // "order" of direct sums, w
 constexpr std::size_t most_direct_centres = 30000;  // a second or two per product
 constexpr int most_iterations = 60;                 // between restarts; determines the memory of the basis
 constexpr int most_restarts = 6;
+constexpr int patience = 8;  // steps that may bring nothing
 constexpr std::size_t most_measured_samples = 1024;
 constexpr double adjoint_tolerance = 1e-13;  // of the largest value: the residual grows by about the size of the weights
 constexpr double adjoint_accuracy = 1e-13;   // of the largest sum
@@ -177,10 +178,10 @@ bool IterativeInterpolator::Solve::done(Krylov& column) const {
 
 /// Beyond the precision of the arithmetic more directions add noise only.
 bool IterativeInterpolator::Solve::exhausted(Krylov& column) {
-  constexpr std::size_t patience = 8;
   column.history.push_back(column.left);
-  const std::size_t steps = column.history.size();
-  return column.left < 1e-14 * column.beta || (steps > patience && column.left > 0.9 * column.history[steps - 1 - patience]);
+  const auto steps = static_cast<int>(column.history.size());
+  return column.left < 1e-14 * column.beta ||
+         (steps > patience && column.left > 0.9 * column.history[static_cast<std::size_t>(steps - 1 - patience)]);
 }
 
 void IterativeInterpolator::Solve::step(std::vector<Krylov>& columns) {
@@ -260,7 +261,7 @@ Interpolants IterativeInterpolator::Solve::run(const MatrixXd& B, const Interpol
   best.converged = false;
   best.tolerance = solution.tolerance = tolerance_;
   MatrixXd residual;
-  double last = std::numeric_limits<double>::infinity();
+  int steps = 0;  // of the last round
   for (int restart = 0;; ++restart) {
     const MatrixXd fast = product(weights);
     const VectorXd errors = error_of_sums(weights, fast);
@@ -278,22 +279,24 @@ Interpolants IterativeInterpolator::Solve::run(const MatrixXd& B, const Interpol
     if (P.cols() > 0) solution.coefficients.bottomRows(P.cols()) = qr.solve(whole);
     solution.order = order_;
     solution.iterations = iterations_;
+    // A short round that does not halve the residual, because the weights that it adds are large and so are their rounding
+    // errors, is often followed by one that does. A long one met the limits of the preconditioner.
+    const bool stuck = solution.residual > 0.5 * best.residual && steps > patience;
     if (solution.residual < best.residual) best = solution;
-    // Another round helps only while rounds do.
-    const bool stuck = solution.residual > 0.5 * last;
     if (solution.converged || stuck || restart == most_restarts) return best;
-    last = solution.residual;
     if (error > 0.25 * tolerance_) {
       if (order_ >= highest()) return best;
       use_order(order_ + 2);
       if (error > tolerance_) {
         // Estimate again before any work on wrong sums.
         --restart;
-        last = std::numeric_limits<double>::infinity();
+        steps = 0;
         continue;
       }
     }
+    const int before = iterations_;
     improve(residual, weights);
+    steps = iterations_ - before;
   }
 }
 

@@ -129,6 +129,7 @@ TEST(AffineMotion, IsMissedByMlsOnTheSurfaceAlone) {
 
 TEST(AffineMotion, OpenSurfacesSayThatTheyAreThin) {
   MlsOptions options;
+  options.domain = MlsDomain::connected;
   options.surface_samples = 300;
   const auto notes = [&](const Mesh& mesh) {
     const auto system = prepare(std::make_shared<const Mesh>(mesh), between(mesh, options));
@@ -138,6 +139,12 @@ TEST(AffineMotion, OpenSurfacesSayThatTheyAreThin) {
   };
   EXPECT_NE(notes(test::tube(0.5, 40, 40, 1, test::Faces::quads)).find("do not enclose a volume"), std::string::npos);
   EXPECT_EQ(notes(bumpy()).find("do not enclose a volume"), std::string::npos);
+}
+
+TEST(AffineMotion, OpenSurfacesHaveNoMoreSamplesThanPointsByDefault) {
+  const auto tube = std::make_shared<const Mesh>(test::tube(0.5, 20, 20, 1, test::Faces::quads));
+  const auto system = prepare(tube, between(*tube, MlsOptions{}));
+  EXPECT_EQ(system->info().samples, tube->point_count());
 }
 
 TEST(AffineMotion, OfAllHandlesIsFollowedByKernelsThatDecay) {

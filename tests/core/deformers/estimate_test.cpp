@@ -216,7 +216,8 @@ TEST(Estimate, SecondsDependOnTheMethod) {
   }
 }
 
-/// Each default is a number of samples of its own, but no more than the mesh has points, and at least 64.
+/// Each default is a number of samples of its own. Where faces enclose a volume it does not depend on the points of the mesh;
+/// elsewhere, and as setups were stored before, it is no more than these, and at least 64.
 TEST(Estimate, SamplesOfMlsByDefault) {
   const auto samples = [](const Mesh& mesh, const MlsOptions& options) {
     deform::Setup setup;
@@ -231,6 +232,22 @@ TEST(Estimate, SamplesOfMlsByDefault) {
   EXPECT_EQ(samples(test::bumpy_sheet(121, 61), surface), 4000u);
   surface.surface_samples = 100;
   EXPECT_EQ(samples(test::bumpy_sheet(121, 61), surface), 100u);
+
+  const Mesh block = test::cubes({4, 4, 4}, 0.25, [](int, int, int) { return true; });
+  const std::size_t points = block.point_count();
+  ASSERT_GT(points, 64u);
+  MlsOptions body;
+  EXPECT_EQ(samples(block, body), 18000u);
+  body.surface_samples = 100;
+  EXPECT_EQ(samples(block, body), 10100u);
+  body.volume_samples = 50;
+  EXPECT_EQ(samples(block, body), 150u);
+  EXPECT_EQ(samples(test::bumpy_sheet(31, 16), MlsOptions{}), 31u * 16u) << "faces that do not enclose a volume";
+  for (const MlsDomain domain : {MlsDomain::enclosed, MlsDomain::connected}) {
+    MlsOptions stored;
+    stored.domain = domain;
+    EXPECT_EQ(samples(block, stored), 2 * points);
+  }
 }
 
 /// How much longer a design with constraints takes where more points are constrained, told as a ratio to the one with fewer.

@@ -214,7 +214,15 @@ TEST_P(SpaceMemoryTest, OfMapsOfSpace) {
   std::vector<Vec3> out(places.size());
   system->bind_in_space(chosen, one_thread_)->evaluate(places, 0, out, one_thread_);
   const System::SpaceBytes told = system->space_bytes(places.size());
+  const test::CountedAllocations binding;
+  const auto bound = system->bind({&chosen, 1}, EvaluationPath::direct, one_thread_);
+  const auto kept_bound = static_cast<double>(binding.kept()), most_bound = static_cast<double>(binding.most());
+  const test::CountedAllocations mapping;
   const auto map = system->bind_in_space(chosen, one_thread_);
+  const double of_map = static_cast<double>(mapping.kept()) - kept_bound;
+  EXPECT_GE(static_cast<double>(told.map) + few_bytes, of_map);
+  EXPECT_LE(static_cast<double>(told.map), 1.5 * of_map + 60.0 * static_cast<double>(c.mesh->point_count()));
+  EXPECT_LE(static_cast<double>(mapping.most()), most_bound + static_cast<double>(told.map) + few_bytes);
   const test::CountedAllocations counter;
   map->evaluate(places, 0, out, one_thread_);
   const auto most = static_cast<double>(counter.most());

@@ -221,7 +221,8 @@ Case subspace(std::string name, std::optional<Kernel> kernel, std::size_t centre
 std::vector<Case> cases() {
   MlsOptions few, around;
   few.surface_samples = 200;
-  MlsOptions many;
+  MlsOptions connected, many;
+  connected.domain = MlsDomain::connected;  // few samples
   many.surface_samples = 1500;
   many.volume_samples = 1000;
   around.surface_samples = 200;
@@ -255,7 +256,7 @@ std::vector<Case> cases() {
           subspace("subspace", std::nullopt, 300),
           subspace("subspace_wendland", Kernel::wendland_c2, 200),
           subspace("subspace_gaussian", Kernel::gaussian, 200),
-          same("mls", MlsOptions()),
+          same("mls", connected),
           same("mls_few", few),
           same("mls_around", around, in_space),
           same("mls_many", many, in_some),

@@ -185,6 +185,31 @@ TEST(IterativeInterpolator, NotConvergingIsAResult) {
   EXPECT_LT(solution.residual, 1e-6);
 }
 
+// The second round leaves the rounding errors of large weights, and the third one converges.
+TEST(IterativeInterpolator, AShortRoundThatDoesNotHalveTheResidualIsNotTheEnd) {
+  struct Case {
+    RadialKernel kernel;
+    std::size_t count;
+    double tolerance;
+  };
+  for (const Case& one : {Case{{Kernel::multiquadric, 0.6}, 600, 1e-6}, Case{{Kernel::triharmonic, 1}, 1500, 1e-9},
+                          Case{{Kernel::multiquadric, 0.2}, 1500, 1e-9}}) {
+    const std::vector<Vec3> centres = test::random_points(one.count, 2);
+    const IterativeInterpolator system(centres, options(one.kernel), {});
+    const auto solution = system.interpolate(data(centres), one.tolerance, {});
+    EXPECT_TRUE(solution.converged) << one.count << ": " << solution.residual;
+    EXPECT_LE(solution.iterations, 6) << one.count;
+  }
+}
+
+TEST(IterativeInterpolator, GivesUpAfterALongRoundThatDoesNotHelp) {
+  const std::vector<Vec3> centres = test::random_points(1500, 2);
+  const IterativeInterpolator system(centres, options({Kernel::multiquadric, 0.2}), {});
+  const auto solution = system.interpolate(data(centres), 1e-14, {});
+  EXPECT_FALSE(solution.converged);
+  EXPECT_LE(solution.iterations, 20);
+}
+
 // Much more is left of the last column, noise, than of the first, which is smooth.
 TEST(IterativeInterpolator, TellsWhatIsLeftOfEachColumn) {
   const std::vector<Vec3> centres = sphere(1200);

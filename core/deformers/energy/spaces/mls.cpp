@@ -32,7 +32,8 @@ constexpr std::size_t mls_points_per_range = 128;
 // functions there.
 constexpr std::size_t automatic_surface = 4000, automatic_boundary = 5000, automatic_volume = 3000;
 constexpr std::size_t enclosed_surface = 4000, enclosed_volume = 5000;
-constexpr std::size_t connected_surface = 6000, connected_volume = 8000;  // twice as many move points by less than 1 %
+constexpr std::size_t connected_surface = 6000, connected_volume = 8000;
+constexpr std::size_t body_surface = 8000, body_volume = 10000;  // twice as many move points by less than 1 %
 constexpr std::size_t fewest_samples = 64;
 constexpr std::size_t dense_per_point = 20;  // of the integration points: thesis 8.6 takes 28,000
 constexpr double flat_surface = 1e-2;
@@ -69,18 +70,34 @@ bool may_enclose(const Mesh& mesh, const MlsOptions& options) {
   return length(sum) < open_share * area;
 }
 
-SampleOptions sample_counts(const Mesh& mesh, const MlsOptions& options) {
+/// Whether supports go around slots of an enclosed volume.
+bool around_slots(MlsDomain domain) { return domain == MlsDomain::connected || domain == MlsDomain::body; }
+
+/// The default numbers of samples on faces and inside.
+SampleOptions automatic_counts(const Mesh& mesh, MlsDomain domain, bool enclosed) {
   SampleOptions counts;
-  const bool cells = mesh.cell_count() != 0, enclosed = may_enclose(mesh, options);
   const std::size_t some = std::max(mesh.point_count(), fewest_samples);
-  const bool connected = options.domain == MlsDomain::connected;
-  const std::size_t inside = connected ? connected_volume : enclosed_volume;
-  std::size_t surface = cells ? automatic_boundary : automatic_surface;
-  if (enclosed) surface = connected ? connected_surface : enclosed_surface;
-  counts.surface = options.surface_samples != 0 ? options.surface_samples : std::min(some, surface);
-  counts.volume = options.volume_samples;
-  if (counts.volume == 0 && (cells || enclosed)) counts.volume = std::min(some, cells ? automatic_volume : inside);
-  if (cells && mesh.face_count() == 0) {  // nothing to put the others on
+  if (mesh.cell_count() != 0) {
+    counts.surface = std::min(some, automatic_boundary);
+    counts.volume = std::min(some, automatic_volume);
+  } else if (!enclosed) {
+    counts.surface = std::min(some, automatic_surface);
+  } else if (domain == MlsDomain::body) {
+    counts.surface = body_surface;
+    counts.volume = body_volume;
+  } else {
+    const bool connected = domain == MlsDomain::connected;
+    counts.surface = std::min(some, connected ? connected_surface : enclosed_surface);
+    counts.volume = std::min(some, connected ? connected_volume : enclosed_volume);
+  }
+  return counts;
+}
+
+SampleOptions sample_counts(const Mesh& mesh, const MlsOptions& options) {
+  SampleOptions counts = automatic_counts(mesh, options.domain, may_enclose(mesh, options));
+  if (options.surface_samples != 0) counts.surface = options.surface_samples;
+  if (options.volume_samples != 0) counts.volume = options.volume_samples;
+  if (mesh.cell_count() != 0 && mesh.face_count() == 0) {  // nothing to put the others on
     counts.volume += counts.surface;
     counts.surface = 0;
   }
@@ -240,7 +257,14 @@ EnergySpace mls_space(const Mesh& mesh, const MlsOptions& options, std::uint64_t
         dense_points(mesh, points, {dense_per_point * more.surface, dense_per_point * more.volume, volume_of}, seed, context);
     solid = dense.in_volume() != 0;
     in_body = dense.enclosed;
-    if (!solid) counts.volume = more.volume = 0;
+    if (!solid) {
+      counts.volume = 0;
+      // Faces that might have enclosed a volume, and do not: there are no more samples than points on them.
+      if (options.domain == MlsDomain::body && options.surface_samples == 0) {
+        counts.surface = automatic_counts(mesh, options.domain, false).surface;
+      }
+      more = times(counts, options.cubature);
+    }
     few = thinned(dense, options.cubature);
     samples = spread_samples(few, counts, context);
     cubature = cubature_of(dense, more, context);
@@ -253,7 +277,7 @@ EnergySpace mls_space(const Mesh& mesh, const MlsOptions& options, std::uint64_t
   basis_options.cover.cover = whole_cover(cover_of(options));
   const double radius = covering_radius(PointTree(samples.points), places, basis_options.cover, context);
   std::shared_ptr<const BodyReach> reach;
-  if (in_body && options.domain == MlsDomain::connected) {
+  if (in_body && around_slots(options.domain)) {
     reach = std::make_shared<const BodyReach>(mesh, points, samples.points, few, radius, context);
     if (reach->cut() > 0) basis_options.reach = reach;
   }
@@ -342,7 +366,7 @@ SpaceBytes estimate_mls_space(const Mesh& mesh, const MlsOptions& options) {
   const double dense = static_cast<double>(dense_per_point) * N * 2 * (sizeof(Vec3) + sizeof(double)) + n * 3 * sizeof(Vec3);
   const bool enclosed = may_enclose(mesh, options);
   const double inside = enclosed ? static_cast<double>(enclosed_pieces_bytes(mesh)) : 0;
-  const bool connected = enclosed && options.domain == MlsDomain::connected;
+  const bool connected = enclosed && around_slots(options.domain);
   const auto samples = static_cast<std::size_t>(k);
   const double reach = connected ? static_cast<double>(BodyReach::bytes_for(fan_triangles(mesh), samples)) : 0;
   SpaceBytes bytes;
