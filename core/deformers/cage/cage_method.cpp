@@ -208,7 +208,7 @@ Estimate CageMethod::estimate(const CageOptions& options, const Mesh& mesh, cons
 std::shared_ptr<const System> CageMethod::prepare(const CageOptions& options, const std::shared_ptr<const Mesh>& mesh,
                                                   const Setup& setup, const RunContext& context, std::size_t memory_budget) {
   if (options.control == CageControl::mesh) return prepare_mesh(options, mesh, setup, context, memory_budget);
-  const Symmetry symmetry = deform::validate(setup, *mesh).symmetry;
+  const Symmetry symmetry = deform::validate(setup, *mesh, context).symmetry;
   if (options.coordinates == CageCoordinates::green) {
     return std::make_shared<const GreenSystem>(mesh, setup, options, whole_cage(options, symmetry), context);
   }

@@ -49,7 +49,7 @@ HandleSystem::HandleSystem(std::shared_ptr<const Mesh> mesh, const Setup& setup,
 HandleSystem::HandleSystem(Held held, const Setup& setup, HandleMode handles, Unit unit, const RunContext& context)
     : mesh_(std::move(held.mesh)), held_mesh_(std::move(held.held)), setup_(setup), handles_(handles) {
   context.progress("select", 0);
-  regions_ = validate(setup_, *mesh_);
+  regions_ = validate(setup_, *mesh_, context);
   const Box bounds = bounding_box(mesh_->points);
   info_.diagonal = bounds.diagonal();
   for (std::size_t k = 0; k < 3; ++k) {
