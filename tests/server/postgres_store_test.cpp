@@ -5,7 +5,9 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <atomic>
+#include <chrono>
 #include <set>
 #include <thread>
 
@@ -444,11 +446,14 @@ TEST_F(SharedStoreTest, connections_that_are_cut_off_cost_no_call) {
   std::atomic<bool> stop{false};
   std::thread cutter([&] {
     while (!stop) {
+      const auto begin = std::chrono::steady_clock::now();
       sql(uri,
           "SELECT pg_terminate_backend(pid) FROM pg_stat_activity "
           "WHERE pid <> pg_backend_pid() AND datname = current_database() AND application_name = 'deformd' "
           "AND query NOT LIKE 'SELECT pg_terminate%'");
-      std::this_thread::sleep_for(std::chrono::milliseconds(20));
+      // The others need time for a connection and a statement, too, and more on a busy machine.
+      const auto taken = std::chrono::steady_clock::now() - begin;
+      std::this_thread::sleep_for(std::max<std::chrono::steady_clock::duration>(std::chrono::milliseconds(20), 3 * taken));
     }
   });
   for (int i = 0; i < 30; ++i) {
