@@ -220,9 +220,10 @@ Case subspace(std::string name, std::optional<Kernel> kernel, std::size_t centre
 
 std::vector<Case> cases() {
   MlsOptions few, around;
+  few.domain = MlsDomain::connected;  // no more samples than points
   few.surface_samples = 200;
   MlsOptions connected, many;
-  connected.domain = MlsDomain::connected;  // few samples
+  connected.domain = MlsDomain::connected;
   many.surface_samples = 1500;
   many.volume_samples = 1000;
   around.surface_samples = 200;
