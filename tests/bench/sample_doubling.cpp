@@ -88,6 +88,7 @@ void measure(const std::string& name, const std::shared_ptr<const Mesh>& mesh, R
   const auto evaluation = by_default.system->bind({&design, 1}, EvaluationPath::automatic, {});
   const double prescribed = evaluation->report(0).prescribed_displacement;
   const Points before = by_default.system->evaluate(design);
+  // The defaults where faces enclose a volume, which these do.
   options.surface_samples = 2 * 8000;
   options.volume_samples = 2 * 10000;
   const Prepared twice = prepared(mesh, options);

@@ -21,10 +21,9 @@ namespace deform {
 ///  - The bending energy uses the full second derivative. It agrees with |laplace d|^2 (eq. 8.13) if the boundary of the domain
 ///    is clamped; but the Laplacian vanishes for harmonic functions, so with a free boundary, or one where only positions are
 ///    prescribed, the minimizer is harmonic and bends sharply at the handles. Here only affine displacements have zero energy.
-///  - With MlsDomain::enclosed, connected or body a mesh without cells is the volume enclosed by its faces (EnclosedPieces), a
-///  body
-///    like one with cells, for which affine motions are exact. If the faces do not enclose a volume, and with MlsDomain::surface,
-///    it is the surface: integration points lie on it and tangential derivatives count. Where the samples around a point are
+///  - Unless MlsDomain::surface is chosen, a mesh without cells is the volume enclosed by its faces (EnclosedPieces), a body like
+///    one with cells, for which affine motions are exact. If the faces do not enclose a volume, and with MlsDomain::surface, it
+///    is the surface: integration points lie on it and tangential derivatives count. Where the samples around a point are
 ///    nearly coplanar (normal variance below 1e-2), normal derivatives are left out, because the samples do not determine them
 ///    and the least curvature would be arbitrary; so curved parts do not rotate exactly. Elsewhere (edges, thin walls) the
 ///    surface is a body in space. With volume_samples > 0 the body is the box around the surface.
