@@ -10,7 +10,7 @@
 #include "tests/client/scripted_service.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::client_test {
 namespace {
 
 using client::CallOptions;
@@ -715,4 +715,4 @@ TEST(Client, FollowsPagesToTheEnd) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::client_test

@@ -11,7 +11,7 @@
 #include "tests/client/scripted_service.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::decoder_test {
 namespace {
 
 using client::DeformedDesign;
@@ -293,4 +293,4 @@ TEST(Decoder, AcceptsABlockThatFellBackToRaw) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::decoder_test

@@ -11,7 +11,7 @@
 #include "tests/client/scripted_service.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::evaluation_test {
 namespace {
 
 using client::Client;
@@ -178,4 +178,4 @@ TEST(ClientEvaluate, IsRepeatedWhereItMayBe) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::evaluation_test

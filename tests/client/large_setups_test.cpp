@@ -9,7 +9,7 @@
 #include "tests/support/expect_error.h"
 #include "tests/support/in_process_server.h"
 
-namespace deform {
+namespace deform::large_setups_test {
 namespace {
 
 using client::Client;
@@ -129,4 +129,4 @@ TEST_F(LargeSetups, WhatIsTooLargeIsRefusedWithTheLimit) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::large_setups_test

@@ -12,7 +12,7 @@
 #include "tests/client/scripted_service.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::messages_test {
 namespace {
 
 using test::expect_error;
@@ -474,4 +474,4 @@ TEST(RequestSplitter, ManySmallDesignsShareMessages) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::messages_test

@@ -12,7 +12,7 @@
 #include "tests/client/scripted_service.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::session_test {
 namespace {
 
 using client::Client;
@@ -270,4 +270,4 @@ TEST(Client, SendsLargeRequestsInSmallMessages) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::session_test

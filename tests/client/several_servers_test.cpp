@@ -21,7 +21,7 @@
 #include "tests/client/scripted_service.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::several_servers_test {
 namespace {
 
 using client::Client;
@@ -591,4 +591,4 @@ TEST(UnfinishedDesigns, DesignsThatDependOnOthersStayInTheirRow) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::several_servers_test

@@ -9,7 +9,7 @@
 #include "proto/convert/base/error.h"
 #include "tests/support/expect_error.h"
 
-namespace deform::convert {
+namespace deform::convert::base_test {
 namespace {
 
 constexpr ErrorCode all_codes[] = {
@@ -85,4 +85,4 @@ TEST(ConvertBlock, BlocksComeBack) {
 }
 
 }  // namespace
-}  // namespace deform::convert
+}  // namespace deform::convert::base_test

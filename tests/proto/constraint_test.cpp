@@ -13,7 +13,7 @@
 #include "tests/server/test_mesh.h"
 #include "tests/support/expect_error.h"
 
-namespace deform::convert {
+namespace deform::convert::constraint_test {
 namespace {
 
 using server::refusal;
@@ -491,4 +491,4 @@ TEST(ConvertMethod, MessagesThatMeanTheSameHaveTheSameId) {
 }
 
 }  // namespace
-}  // namespace deform::convert
+}  // namespace deform::convert::constraint_test

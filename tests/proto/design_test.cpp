@@ -12,7 +12,7 @@
 #include "tests/server/refusal.h"
 #include "tests/server/test_mesh.h"
 
-namespace deform::convert {
+namespace deform::convert::design_test {
 namespace {
 
 using server::raw_bytes;
@@ -169,4 +169,4 @@ TEST(ConvertOutput, tolerances_and_encodings) {
 }
 
 }  // namespace
-}  // namespace deform::convert
+}  // namespace deform::convert::design_test

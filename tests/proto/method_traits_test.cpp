@@ -12,7 +12,7 @@
 #include "core/deformers/methods.h"
 #include "proto/convert/method.h"
 
-namespace deform::convert {
+namespace deform::convert::method_traits_test {
 namespace {
 
 /// An empty message of each method.
@@ -114,4 +114,4 @@ TEST(MethodTraits, EachKernelIsOneOfCore) {
 }
 
 }  // namespace
-}  // namespace deform::convert
+}  // namespace deform::convert::method_traits_test

@@ -10,7 +10,7 @@
 #include "tests/server/refusal.h"
 #include "tests/server/test_mesh.h"
 
-namespace deform::convert {
+namespace deform::convert::setup_test {
 namespace {
 
 using server::refusal;
@@ -792,4 +792,4 @@ TEST(ConvertSetup, a_canonical_setup_is_its_own_canonical_form_and_means_the_sam
 }
 
 }  // namespace
-}  // namespace deform::convert
+}  // namespace deform::convert::setup_test

@@ -11,7 +11,7 @@
 #include <utility>
 #include <vector>
 
-namespace deform::convert {
+namespace deform::convert::verdict_test {
 namespace {
 
 v1::DesignResult good_result() {
@@ -480,4 +480,4 @@ TEST(Verdicts, TheWorstReasonComesFirst) {
 }
 
 }  // namespace
-}  // namespace deform::convert
+}  // namespace deform::convert::verdict_test

@@ -13,7 +13,7 @@
 #include "tests/server/ended_with.h"
 #include "tests/server/service_fixture.h"
 
-namespace deform::server {
+namespace deform::server::access_test {
 namespace {
 
 using grpc::StatusCode;
@@ -479,4 +479,4 @@ TEST(IdentitiesAtStart, AMissingOrWrongFileIsRefused) {
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::access_test

@@ -13,7 +13,7 @@
 #include "tests/server/ended_with.h"
 #include "tests/server/service_fixture.h"
 
-namespace deform::server {
+namespace deform::server::admin_test {
 namespace {
 
 using grpc::StatusCode;
@@ -430,4 +430,4 @@ TEST(AdminLimits, AreTakenOverFromOptionsThatAreReadAgain) {
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::admin_test

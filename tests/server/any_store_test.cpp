@@ -8,7 +8,7 @@
 
 #include "tests/server/any_store.h"
 
-namespace deform::server {
+namespace deform::server::any_store_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -288,4 +288,4 @@ TEST_P(AnyStore, puts_at_the_same_time_do_not_exceed_it_together) {
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::any_store_test

@@ -19,7 +19,7 @@
 #include "tests/server/server_fakes.h"
 #include "tests/server/simulated_disk.h"
 
-namespace deform::server {
+namespace deform::server::basis_files_test {
 namespace {
 
 const std::filesystem::path root = "/data";
@@ -236,4 +236,4 @@ TEST_F(BasisFilesTest, only_abandoned_parts_are_swept) {
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::basis_files_test

@@ -10,7 +10,7 @@
 #include "server/engine/deform_job.h"
 #include "tests/server/server_fakes.h"
 
-namespace deform::server {
+namespace deform::server::deform_call_test {
 namespace {
 
 using Poll = DeformJob::Poll;
@@ -429,4 +429,4 @@ TEST(StepPlan, gives_every_worker_something_to_do) {
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::deform_call_test

@@ -18,7 +18,7 @@
 #include "tests/support/fake_engine.h"
 #include "tests/support/in_process_server.h"
 
-namespace deform::server {
+namespace deform::server::deformd_test {
 namespace {
 
 using support::eventually;
@@ -200,4 +200,4 @@ TEST_F(Deformd, ADataDirectoryInUseExitsWithOne) {
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::deformd_test

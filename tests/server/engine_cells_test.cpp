@@ -10,7 +10,7 @@
 #include "tests/server/volume_mesh.h"
 #include "tests/support/expect_error.h"
 
-namespace deform::server {
+namespace deform::server::engine_cells_test {
 namespace {
 
 class EngineCells : public EngineFixture {
@@ -263,4 +263,4 @@ TEST_F(EngineCells, CellsAreChecksummed) {
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::engine_cells_test

@@ -10,7 +10,7 @@
 #include "tests/server/engine_fixture.h"
 #include "tests/support/expect_error.h"
 
-namespace deform::server {
+namespace deform::server::engine_compiled_test {
 namespace {
 
 using test::expect_error;
@@ -143,4 +143,4 @@ TEST_F(EngineCompiledTest, says_why_there_is_none) {
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::engine_compiled_test

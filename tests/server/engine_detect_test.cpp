@@ -8,7 +8,7 @@
 #include "tests/server/engine_fixture.h"
 #include "tests/support/expect_error.h"
 
-namespace deform::server {
+namespace deform::server::engine_detect_test {
 namespace {
 
 using test::expect_error;
@@ -157,4 +157,4 @@ TEST_F(EngineDetect, CancelledBeforeItStarts) {
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::engine_detect_test

@@ -7,7 +7,7 @@
 #include "tests/server/engine_fixture.h"
 #include "tests/server/volume_mesh.h"
 
-namespace deform::server {
+namespace deform::server::engine_faces_test {
 namespace {
 
 class EngineFaces : public EngineFixture {
@@ -220,4 +220,4 @@ TEST_F(EngineFaces, MemoryIsGivenBackAndWhereItIsShortFewerDesignsShareAPass) {
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::engine_faces_test

@@ -6,7 +6,7 @@
 #include "tests/server/volume_mesh.h"
 #include "tests/support/expect_error.h"
 
-namespace deform::server {
+namespace deform::server::engine_failures_test {
 namespace {
 
 class EngineFailures : public EngineFixture {
@@ -175,4 +175,4 @@ TEST_F(EngineFailures, ABadDesignOfAWarmSequenceIsNotInIt) {
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::engine_failures_test

@@ -6,7 +6,7 @@
 #include "tests/server/engine_fixture.h"
 #include "tests/support/expect_error.h"
 
-namespace deform::server {
+namespace deform::server::engine_input_test {
 namespace {
 
 using test::expect_error;
@@ -233,4 +233,4 @@ TEST(EngineOptions, limits) {
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::engine_input_test

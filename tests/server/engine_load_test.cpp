@@ -8,7 +8,7 @@
 
 #include "tests/server/engine_fixture.h"
 
-namespace deform::server {
+namespace deform::server::engine_load_test {
 namespace {
 
 class EngineLoadTest : public EngineFixture {
@@ -185,4 +185,4 @@ TEST_F(EngineLoadTest, memory_charged_comes_back) {
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::engine_load_test

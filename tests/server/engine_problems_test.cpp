@@ -5,7 +5,7 @@
 #include "tests/server/engine_fixture.h"
 #include "tests/support/expect_error.h"
 
-namespace deform::server {
+namespace deform::server::engine_problems_test {
 namespace {
 
 class EngineProblems : public EngineFixture {
@@ -111,4 +111,4 @@ TEST_F(EngineProblems, AReplyStaysBelowOneMebibyte) {
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::engine_problems_test

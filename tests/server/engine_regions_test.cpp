@@ -9,7 +9,7 @@
 #include "tests/server/volume_mesh.h"
 #include "tests/support/expect_error.h"
 
-namespace deform::server {
+namespace deform::server::engine_regions_test {
 namespace {
 
 std::vector<PointId> listed(const v1::EstimateReply& reply) {
@@ -236,4 +236,4 @@ TEST_F(EngineRegions, AnEmptyRegionIsToldTheBoxOfTheModel) {
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::engine_regions_test

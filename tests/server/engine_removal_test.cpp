@@ -6,7 +6,7 @@
 
 #include "tests/server/engine_fixture.h"
 
-namespace deform::server {
+namespace deform::server::engine_removal_test {
 namespace {
 
 class EngineRemovalTest : public EngineFixture {
@@ -134,4 +134,4 @@ TEST_F(EngineRemovalTest, what_was_there_when_its_upload_began_was_there) {
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::engine_removal_test

@@ -10,7 +10,7 @@
 #include "server/store/geometry_file.h"
 #include "tests/server/engine_fixture.h"
 
-namespace deform::server {
+namespace deform::server::engine_stored_bases_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -314,4 +314,4 @@ TEST_F(StoredBasesTest, what_a_killed_server_was_writing_is_swept) {
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::engine_stored_bases_test

@@ -11,7 +11,7 @@
 #include "tests/server/engine_fixture.h"
 #include "tests/support/expect_error.h"
 
-namespace deform::server {
+namespace deform::server::engine_test {
 namespace {
 
 using test::expect_error;
@@ -663,4 +663,4 @@ TEST_F(EngineTest, half_models_that_run_through_themselves_are_doubtful) {
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::engine_test

@@ -22,7 +22,7 @@
 #include "tests/server/service_fixture.h"
 #include "tests/server/test_mesh.h"
 
-namespace deform::server {
+namespace deform::server::evaluate_test {
 namespace {
 
 using grpc::StatusCode;
@@ -466,4 +466,4 @@ TEST_P(Evaluate, ManyAtOnce) {
 DEFORM_BOTH_TRANSPORTS(Evaluate);
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::evaluate_test

@@ -18,7 +18,7 @@
 #include "tests/server/server_fakes.h"
 #include "tests/server/test_mesh.h"
 
-namespace deform::server {
+namespace deform::server::geometry_store_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -143,4 +143,4 @@ TEST_F(GeometryStoreTest, a_directory_that_cannot_be_written_is_named) {
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::geometry_store_test

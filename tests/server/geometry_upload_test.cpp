@@ -18,7 +18,7 @@
 #include "tests/server/volume_mesh.h"
 #include "tests/support/expect_error.h"
 
-namespace deform::server {
+namespace deform::server::geometry_upload_test {
 namespace {
 
 class UploadBufferTest : public testing::Test {
@@ -290,4 +290,4 @@ TEST_F(UploadBufferTest, cells_that_are_not_whole) {
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::geometry_upload_test

@@ -14,7 +14,7 @@
 #include "tests/server/ended_with.h"
 #include "tests/server/service_fixture.h"
 
-namespace deform::server {
+namespace deform::server::health_service_test {
 namespace {
 
 namespace health = grpc::health::v1;
@@ -166,4 +166,4 @@ TEST_P(Health, CallsThatWatchAreCountedAndRefusedBeyondTheLimit) {
 DEFORM_BOTH_TRANSPORTS(Health);
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::health_service_test

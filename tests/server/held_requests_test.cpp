@@ -13,7 +13,7 @@
 #include "server/rpc/flood_guard.h"
 #include "server/rpc/service_messages.h"
 
-namespace deform::server {
+namespace deform::server::held_requests_test {
 namespace {
 
 grpc::ByteBuffer in_pieces(const std::string& bytes, std::size_t piece) {
@@ -214,4 +214,4 @@ TEST(FloodGuard, ToldOncePerConnectionThatResetsTooManyCalls) {
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::held_requests_test

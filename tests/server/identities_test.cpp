@@ -7,7 +7,7 @@
 #include "server/rpc/request_rates.h"
 #include "tests/support/expect_error.h"
 
-namespace deform::server {
+namespace deform::server::identities_test {
 namespace {
 
 using test::expect_error;
@@ -138,4 +138,4 @@ TEST(Identities, MistakesNameTheLineAndNeverTheCredential) {
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::identities_test

@@ -17,7 +17,7 @@
 #include "server/rpc/peers.h"
 #include "tests/server/sockets.h"
 
-namespace deform::server {
+namespace deform::server::listener_test {
 namespace {
 
 constexpr char why[] = "it is too loud";
@@ -287,4 +287,4 @@ TEST_F(ListenerTrouble, AClosedDescriptorIsNoticed) {
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::listener_test

@@ -12,7 +12,7 @@
 #include <iterator>
 #include <regex>
 
-namespace deform::server {
+namespace deform::server::log_test {
 namespace {
 
 TEST(Log, OneLineTellsTheCall) {
@@ -187,4 +187,4 @@ TEST(Log, LongTextIsCut) {
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::log_test

@@ -10,7 +10,7 @@
 
 #include "core/base/error.h"
 
-namespace deform::server {
+namespace deform::server::memory_test {
 namespace {
 
 const ChargePurpose purpose{"preparing", "use fewer centres", 0};
@@ -277,4 +277,4 @@ TEST(Memory, small_pieces_that_are_freed_add_up) {
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::memory_test

@@ -12,7 +12,7 @@
 #include "tests/server/server_fakes.h"
 #include "tests/server/test_mesh.h"
 
-namespace deform::server {
+namespace deform::server::mesh_cache_test {
 namespace {
 
 class MeshCacheTest : public testing::Test {
@@ -89,4 +89,4 @@ TEST_F(MeshCacheTest, forgets) {
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::mesh_cache_test

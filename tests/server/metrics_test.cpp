@@ -7,7 +7,7 @@
 
 #include <string>
 
-namespace deform::server {
+namespace deform::server::metrics_test {
 namespace {
 
 using testing::HasSubstr;
@@ -151,4 +151,4 @@ TEST(Metrics, LevelsAreThoseOfTheMoment) {
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::metrics_test

@@ -9,7 +9,7 @@
 
 #include "tests/server/engine_fixture.h"
 
-namespace deform::server {
+namespace deform::server::open_calls_test {
 namespace {
 
 using testing::HasSubstr;
@@ -291,4 +291,4 @@ TEST_F(OperatedEngine, ChecksAndCopiesItsStoreBesideTheWork) {
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::open_calls_test

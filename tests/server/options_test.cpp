@@ -12,7 +12,7 @@
 
 #include "tests/support/in_process_server.h"
 
-namespace deform::server {
+namespace deform::server::options_test {
 namespace {
 
 using testing::HasSubstr;
@@ -272,4 +272,4 @@ TEST(Bytes, AreShownExactly) {
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::options_test

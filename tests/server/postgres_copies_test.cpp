@@ -10,7 +10,7 @@
 #include "tests/server/postgres_database.h"
 #include "tests/server/store_contents.h"
 
-namespace deform::server {
+namespace deform::server::postgres_copies_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -214,4 +214,4 @@ TEST_F(SharedStoreCopies, an_import_wants_a_store_of_one_server_that_nobody_has_
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::postgres_copies_test

@@ -7,7 +7,7 @@
 #include "tests/server/engine_fixture.h"
 #include "tests/server/postgres_database.h"
 
-namespace deform::server {
+namespace deform::server::postgres_engine_test {
 namespace {
 
 class SharedEngines : public EngineFixture {
@@ -187,4 +187,4 @@ TEST_F(SharedBases, without_the_folder_systems_are_prepared_and_no_basis_is_writ
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::postgres_engine_test

@@ -15,7 +15,7 @@
 #include "tests/server/any_store.h"
 #include "tests/server/postgres_database.h"
 
-namespace deform::server {
+namespace deform::server::postgres_store_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -680,4 +680,4 @@ TEST(PostgresUri, PasswordsAndStrangersAreRefused) {
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::postgres_store_test

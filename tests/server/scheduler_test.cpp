@@ -12,7 +12,7 @@
 #include "core/base/error.h"
 #include "tests/server/server_fakes.h"
 
-namespace deform::server {
+namespace deform::server::scheduler_test {
 namespace {
 
 Scheduler::Options options(int workers, std::size_t queue_limit = 256, std::size_t running_limit = 4) {
@@ -446,4 +446,4 @@ TEST(Scheduler, many_threads_at_once) {
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::scheduler_test

@@ -11,7 +11,7 @@
 #include "tests/server/service_fixture.h"
 #include "tests/server/sockets.h"
 
-namespace deform::server {
+namespace deform::server::server_test {
 namespace {
 
 using grpc::StatusCode;
@@ -370,4 +370,4 @@ TEST(Server, BadOptionsAreRefusedBeforeAnythingStarts) {
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::server_test

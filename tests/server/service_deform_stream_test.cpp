@@ -9,7 +9,7 @@
 #include "tests/server/ended_with.h"
 #include "tests/server/service_fixture.h"
 
-namespace deform::server {
+namespace deform::server::service_deform_stream_test {
 namespace {
 
 using grpc::StatusCode;
@@ -422,4 +422,4 @@ TEST_P(ServiceDeformStream, AnIdleStreamDoesNotHoldUpTheShutdown) {
 DEFORM_BOTH_TRANSPORTS(ServiceDeformStream);
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::service_deform_stream_test

@@ -12,7 +12,7 @@
 #include "tests/server/service_fixture.h"
 #include "tests/server/test_mesh.h"
 
-namespace deform::server {
+namespace deform::server::service_engine_test {
 namespace {
 
 using grpc::StatusCode;
@@ -514,4 +514,4 @@ TEST_P(ServiceEngine, ACancelledDeformLeavesTheServerIdle) {
 DEFORM_BOTH_TRANSPORTS(ServiceEngine);
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::service_engine_test

@@ -8,7 +8,7 @@
 #include "tests/server/ended_with.h"
 #include "tests/server/service_fixture.h"
 
-namespace deform::server {
+namespace deform::server::service_large_setups_test {
 namespace {
 
 using grpc::StatusCode;
@@ -203,4 +203,4 @@ TEST_P(LargeSetups, ACancelWhileItIsSentNeverPrepares) {
 
 DEFORM_BOTH_TRANSPORTS(LargeSetups);
 
-}  // namespace deform::server
+}  // namespace deform::server::service_large_setups_test

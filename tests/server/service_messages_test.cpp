@@ -8,7 +8,7 @@
 
 #include "core/base/error.h"
 
-namespace deform::server {
+namespace deform::server::service_messages_test {
 namespace {
 
 std::string bytes_of(const grpc::ByteBuffer& buffer) {
@@ -87,4 +87,4 @@ TEST(Messages, ParsingNeedsAllBytesInAnyNumberOfSlices) {
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::service_messages_test

@@ -6,7 +6,7 @@
 
 #include <string>
 
-namespace deform::server {
+namespace deform::server::service_requests_test {
 namespace {
 
 class Requests : public testing::Test {
@@ -144,4 +144,4 @@ TEST_F(Requests, HalfCloseRefusesWhatIsIncompleteAndNothingElse) {
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::service_requests_test

@@ -6,7 +6,7 @@
 #include "tests/server/ended_with.h"
 #include "tests/server/service_fixture.h"
 
-namespace deform::server {
+namespace deform::server::service_streams_test {
 namespace {
 
 using grpc::StatusCode;
@@ -322,4 +322,4 @@ TEST_P(ServiceStreams, ACancelledPrepareEndsAtOnceAndItsLateOutcomeIsDropped) {
 DEFORM_BOTH_TRANSPORTS(ServiceStreams);
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::service_streams_test

@@ -15,7 +15,7 @@
 #include "tests/server/ended_with.h"
 #include "tests/server/service_fixture.h"
 
-namespace deform::server {
+namespace deform::server::service_unary_test {
 namespace {
 
 using grpc::StatusCode;
@@ -542,4 +542,4 @@ TEST_P(ServiceUnary, ReflectionListsTheService) {
 DEFORM_BOTH_TRANSPORTS(ServiceUnary);
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::service_unary_test

@@ -3,7 +3,7 @@
 #include "tests/server/ended_with.h"
 #include "tests/server/service_fixture.h"
 
-namespace deform::server {
+namespace deform::server::service_uploads_test {
 namespace {
 
 using grpc::StatusCode;
@@ -205,4 +205,4 @@ DEFORM_BOTH_TRANSPORTS(ServiceUploads);
 DEFORM_BOTH_TRANSPORTS(VectorJacobian);
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::service_uploads_test

@@ -20,7 +20,7 @@
 #include "tests/server/any_store.h"
 #include "tests/server/simulated_cluster.h"
 
-namespace deform::server {
+namespace deform::server::shared_store_simulation_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -707,4 +707,4 @@ TEST_F(RandomCluster, whatever_happens_to_servers_nothing_is_lost_or_comes_back)
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::shared_store_simulation_test

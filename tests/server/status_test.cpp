@@ -11,7 +11,7 @@
 #include "core/base/text.h"
 #include "proto/convert/base/error.h"
 
-namespace deform::server {
+namespace deform::server::status_test {
 namespace {
 
 // By name, so that the numbers of proto/convert are held against gRPC's own.
@@ -79,4 +79,4 @@ TEST(Escaped, CutsBetweenCharacters) {
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::status_test

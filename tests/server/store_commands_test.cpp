@@ -11,7 +11,7 @@
 #include "server/store/store_copy.h"
 #include "tests/server/store_contents.h"
 
-namespace deform::server {
+namespace deform::server::store_commands_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -194,4 +194,4 @@ TEST_F(StoreCommands, backups_while_others_register_and_delete_are_consistent) {
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::store_commands_test

@@ -8,7 +8,7 @@
 #include "server/store/store_commands.h"
 #include "tests/server/store_contents.h"
 
-namespace deform::server {
+namespace deform::server::store_crash_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -187,4 +187,4 @@ INSTANTIATE_TEST_SUITE_P(Changes, Interrupted, testing::ValuesIn(changes),
                          [](const auto& instance) { return std::string(instance.param.name); });
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::store_crash_test

@@ -11,7 +11,7 @@
 #include "server/store/store_commands.h"
 #include "tests/server/store_contents.h"
 
-namespace deform::server {
+namespace deform::server::store_directory_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -130,4 +130,4 @@ TEST_F(StoreFolder, without_its_mark_a_store_is_refused_until_it_is_rebuilt_by_h
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::store_directory_test

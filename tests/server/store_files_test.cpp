@@ -18,7 +18,7 @@
 #include "tests/server/simulated_disk.h"
 #include "tests/server/store_contents.h"
 
-namespace deform::server {
+namespace deform::server::store_files_test {
 namespace {
 
 const std::filesystem::path secret = "/srv/of-nobody/data";
@@ -133,4 +133,4 @@ TEST(StoreFiles, no_error_of_a_failing_disk_tells_clients_where_the_store_is) {
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::store_files_test

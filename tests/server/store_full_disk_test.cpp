@@ -6,7 +6,7 @@
 #include "tests/server/engine_fixture.h"
 #include "tests/server/store_contents.h"
 
-namespace deform::server {
+namespace deform::server::store_full_disk_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -148,4 +148,4 @@ TEST_F(FullDiskEngine, a_system_says_when_its_setup_was_stored_first) {
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::store_full_disk_test

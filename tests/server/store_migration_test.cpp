@@ -9,7 +9,7 @@
 #include "server/store/store_commands.h"
 #include "tests/server/store_contents.h"
 
-namespace deform::server {
+namespace deform::server::store_migration_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -102,4 +102,4 @@ TEST_F(StoreTest, a_damaged_catalog_of_0_1_gives_what_can_still_be_read_of_it) {
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::store_migration_test

@@ -6,7 +6,7 @@
 #include "server/store/store_commands.h"
 #include "tests/server/store_contents.h"
 
-namespace deform::server {
+namespace deform::server::store_rebuild_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -265,4 +265,4 @@ TEST_F(StoreRebuild, a_deletion_that_an_old_catalog_has_begun_spares_what_was_re
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::store_rebuild_test

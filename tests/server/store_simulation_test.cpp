@@ -19,7 +19,7 @@
 #include "tests/server/simulated_disk.h"
 #include "tests/server/simulation.h"
 
-namespace deform::server {
+namespace deform::server::store_simulation_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -558,4 +558,4 @@ TEST_F(RandomHistory, a_flipped_bit_is_found_and_costs_nothing_else) {
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::store_simulation_test

@@ -13,7 +13,7 @@
 #include "server/store/store_commands.h"
 #include "tests/server/store_contents.h"
 
-namespace deform::server {
+namespace deform::server::store_tenants_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -317,4 +317,4 @@ TEST_F(StoreOfFormat2, a_later_format_is_refused_and_left_alone) {
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::store_tenants_test

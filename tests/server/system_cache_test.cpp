@@ -10,7 +10,7 @@
 #include "server/engine/scheduler.h"
 #include "tests/server/server_fakes.h"
 
-namespace deform::server {
+namespace deform::server::system_cache_test {
 namespace {
 
 class SystemCacheTest : public testing::Test {
@@ -552,4 +552,4 @@ TEST_F(RestoringTest, an_error_of_restoring_is_that_of_who_asked) {
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::system_cache_test

@@ -9,7 +9,7 @@
 #include "server/store/tenant.h"
 #include "tests/server/engine_fixture.h"
 
-namespace deform::server {
+namespace deform::server::tenants_test {
 namespace {
 
 class Tenants : public EngineFixture {
@@ -380,4 +380,4 @@ TEST_F(Tenants, CallsBeyondTheQuotaAreRefusedWithAHintAndOthersAreNot) {
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::tenants_test

@@ -12,7 +12,7 @@
 #include "core/base/error.h"
 #include "server/store/file.h"
 
-namespace deform::server {
+namespace deform::server::watched_files_test {
 namespace {
 
 using std::chrono::milliseconds;
@@ -86,4 +86,4 @@ TEST(WatchedFiles, AreDestroyedWithoutWaitingForALook) {
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::watched_files_test

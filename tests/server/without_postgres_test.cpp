@@ -8,7 +8,7 @@
 #include "core/base/error.h"
 #include "server/store/postgres_catalog.h"
 
-namespace deform::server {
+namespace deform::server::without_postgres_test {
 namespace {
 
 TEST(WithoutPostgres, TheOptionSaysWhatBringsIt) {
@@ -30,4 +30,4 @@ TEST(WithoutPostgres, TheOptionSaysWhatBringsIt) {
 }
 
 }  // namespace
-}  // namespace deform::server
+}  // namespace deform::server::without_postgres_test

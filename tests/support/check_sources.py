@@ -4,7 +4,7 @@
 
 Headers have #pragma once, but for those that are included once per instruction set (-inl.h); files have at most 900 lines (over 450 they
 are one idea); nothing at the top but what the project has there; no marks of unfinished work, no skipped tests, no tabs or trailing blanks. The members of one class are defined in one file. A folder with sources says in a README.md what lives in it,
-and the large ones have at most 25 pairs of files of their own.
+and the large ones have at most 25 pairs of files of their own. Each source of tests has a namespace of its own.
 Programs print floating-point numbers by number_digits(), not by std::to_string(), which has six decimals for all of them. Without a
 compiler that is told by names: what is declared floating in the file, or in headers and nowhere as anything else.
 Comments are sentences with a subject, and data is named by the terms of the field, not by people who act for it.
@@ -41,6 +41,9 @@ def check(path, lines):
             yield number, "a mark of unfinished work"
         if "\t" in line or line != line.rstrip():
             yield number, "a tab or a trailing blank"
+    stem = path[: -len(".cpp")]
+    if path.endswith("_test.cpp") and not any(line.startswith("namespace ") and line.endswith(f"::{stem} {{") for line in lines):
+        yield 1, f"its tests stand in no namespace {stem}, as those of a program are compiled together"
 
 
 # Classes whose members stand in several files. A class that leaves this list does not come back.

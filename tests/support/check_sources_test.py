@@ -36,6 +36,17 @@ OTHERS = [
 ]
 
 
+class Tests(unittest.TestCase):
+    def test_each_source_has_a_namespace_of_its_own(self):
+        def findings(path, text):
+            return [line for line, _ in check_sources.check(path, text.splitlines())]
+
+        self.assertEqual(findings("mesh_test.cpp", "namespace deform::io::mesh_test {\nnamespace {\n"), [])
+        for text in ("namespace deform {\nnamespace {\n", "namespace deform::other_mesh_test {\n", "// namespace deform::mesh_test {\n"):
+            self.assertEqual(findings("mesh_test.cpp", text), [1], text)
+        self.assertEqual(findings("mesh.cpp", "namespace deform {\n"), [])
+
+
 class Language(unittest.TestCase):
     def check(self, path, text, left=None):
         return list(check_sources.check_language(path, text.splitlines(), left or {}))

@@ -7,7 +7,7 @@
 #include "tests/bench/constraint_parts.h"
 #include "tests/support/thesis_options.h"
 
-namespace deform {
+namespace deform::constraint_parts_test {
 namespace {
 
 using bench::ConstraintCase;
@@ -55,4 +55,4 @@ TEST(DetectedParts, FeatureLinesAndAPlaneOfTheFandisk) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::constraint_parts_test

@@ -12,7 +12,7 @@
 #include "tests/bench/constraint_cases.h"
 #include "tests/support/thesis_options.h"
 
-namespace deform {
+namespace deform::constraint_results_test {
 namespace {
 
 using bench::ConstraintCase;
@@ -117,4 +117,4 @@ TEST(RigidLayers, RigidColumnsKeepTheShapeOfThinCells) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::constraint_results_test

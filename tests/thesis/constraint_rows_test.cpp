@@ -12,7 +12,7 @@
 #include "tests/bench/plain_alternation.h"
 #include "tests/core/deformers/energy_cases.h"
 
-namespace deform {
+namespace deform::constraint_rows_test {
 namespace {
 
 using bench::PlainAlternation;
@@ -176,4 +176,4 @@ TEST(ConstraintWeight, ResidualFallsWithTheWeight) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::constraint_rows_test

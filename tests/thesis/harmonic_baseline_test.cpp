@@ -9,7 +9,7 @@
 #include "tests/core/deformers/block_meshes.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::harmonic_baseline_test {
 namespace {
 
 using bench::HarmonicBaseline;
@@ -85,4 +85,4 @@ TEST(HarmonicBaseline, RefusesWhatItDoesNotKnow) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::harmonic_baseline_test

@@ -7,7 +7,7 @@
 #include "core/deformers/rbf/rbf_system.h"
 #include "tests/core/deformers/shapes.h"
 
-namespace deform {
+namespace deform::kernel_smoothness_test {
 namespace {
 
 // A flat sheet lifted at one point and held at its rim; the mean curvature there by second differences of step h: 1/2 (z_xx +
@@ -56,4 +56,4 @@ TEST(KernelSmoothness, BiharmonicCurvatureDivergesTriharmonicConverges) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::kernel_smoothness_test

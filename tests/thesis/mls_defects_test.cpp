@@ -16,7 +16,7 @@
 #include "tests/core/deformers/space_cases.h"
 #include "tests/support/thesis_options.h"
 
-namespace deform {
+namespace deform::mls_defects_test {
 namespace {
 
 using Eigen::VectorXd;
@@ -74,4 +74,4 @@ INSTANTIATE_TEST_SUITE_P(Files, Defects,
                          });
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::mls_defects_test

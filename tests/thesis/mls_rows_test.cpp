@@ -12,7 +12,7 @@
 #include "tests/support/thesis_options.h"
 #include "tests/thesis/plane_case.h"
 
-namespace deform {
+namespace deform::mls_rows_test {
 namespace {
 
 using Eigen::VectorXd;
@@ -94,4 +94,4 @@ TEST(DefectiveFaces, FacesDoNotMatter) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::mls_rows_test

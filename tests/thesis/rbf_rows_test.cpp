@@ -11,7 +11,7 @@
 #include "core/numerics/interpolation/dense_interpolator.h"
 #include "tests/core/deformers/shapes.h"
 
-namespace deform {
+namespace deform::rbf_rows_test {
 namespace {
 
 using test::bumpy_sheet;
@@ -347,4 +347,4 @@ TEST(DegenerateFaces, DegenerateFacesDoNotMatter) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::rbf_rows_test

@@ -9,7 +9,7 @@
 #include "core/mesh/elements.h"
 #include "tests/core/deformers/shapes.h"
 
-namespace deform {
+namespace deform::representations_test {
 namespace {
 
 using Corner = std::array<std::size_t, 3>;
@@ -196,4 +196,4 @@ TEST(Representations, VolumesOfEveryElementType) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::representations_test

@@ -10,7 +10,7 @@
 #include "tests/core/deformers/energy_cases.h"
 #include "tests/support/linear_algebra.h"
 
-namespace deform {
+namespace deform::shell_rows_test {
 namespace {
 
 using test::distance;
@@ -196,4 +196,4 @@ TEST(LeastSquaresShell, OrthogonalFactorizationAgrees) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::shell_rows_test

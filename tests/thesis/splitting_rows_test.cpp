@@ -9,7 +9,7 @@
 #include "tests/core/deformers/block_meshes.h"
 #include "tests/core/quality/cell_shapes.h"
 
-namespace deform {
+namespace deform::splitting_rows_test {
 namespace {
 
 using test::block_setup;
@@ -129,4 +129,4 @@ TEST(Splitting, FailsHonestlyAtTheCap) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::splitting_rows_test

@@ -15,7 +15,7 @@
 #include "tests/support/thesis_options.h"
 #include "tests/thesis/plane_case.h"
 
-namespace deform {
+namespace deform::subspace_rows_test {
 namespace {
 
 using Eigen::VectorXd;
@@ -86,4 +86,4 @@ TEST(SubspaceFunctions, TriharmonicFunctionsAsTheyStandFailForStretching) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::subspace_rows_test

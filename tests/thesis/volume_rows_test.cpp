@@ -16,7 +16,7 @@
 #include "tests/support/long_tests.h"
 #include "tests/support/thesis_options.h"
 
-namespace deform {
+namespace deform::volume_rows_test {
 namespace {
 
 using bench::Method;
@@ -152,4 +152,4 @@ TEST(ElementQuality, Pipe) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::volume_rows_test

@@ -16,7 +16,7 @@
 #include "core/mesh/mesh.h"
 #include "tests/support/expect_error.h"
 
-namespace deform::cli {
+namespace deform::cli::cage_file_test {
 namespace {
 
 using test::expect_error;
@@ -201,4 +201,4 @@ TEST_F(CageFile, SaysWhatIsWrong) {
 }
 
 }  // namespace
-}  // namespace deform::cli
+}  // namespace deform::cli::cage_file_test

@@ -19,7 +19,7 @@
 #include "core/mesh/ahmed.h"
 #include "tests/support/expect_error.h"
 
-namespace deform::cli {
+namespace deform::cli::compare_test {
 namespace {
 
 using test::expect_error;
@@ -275,4 +275,4 @@ TEST(ComparisonTables, HaveDesignsThatFailed) {
 }
 
 }  // namespace
-}  // namespace deform::cli
+}  // namespace deform::cli::compare_test

@@ -17,7 +17,7 @@
 #include "core/io/mesh_file.h"
 #include "tests/support/expect_error.h"
 
-namespace deform::cli {
+namespace deform::cli::control_lattice_test {
 namespace {
 
 using test::expect_error;
@@ -194,4 +194,4 @@ TEST(ControlLattice, BytesAreBase64) {
 }
 
 }  // namespace
-}  // namespace deform::cli
+}  // namespace deform::cli::control_lattice_test

@@ -13,7 +13,7 @@
 #include "core/io/mesh_file.h"
 #include "tests/support/expect_error.h"
 
-namespace deform::cli {
+namespace deform::cli::detected_setup_test {
 namespace {
 
 using test::expect_error;
@@ -243,4 +243,4 @@ TEST_F(DetectedSetups, ASetupTellsAllThatIsWrongWithItsText) {
 }
 
 }  // namespace
-}  // namespace deform::cli
+}  // namespace deform::cli::detected_setup_test

@@ -7,7 +7,7 @@
 
 #include "client/cli/output/cell_options.h"
 
-namespace deform {
+namespace deform::findings_test {
 namespace {
 
 v1::DesignResult result() {
@@ -84,4 +84,4 @@ TEST(Findings, AreAllInTheJson) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::findings_test

@@ -11,7 +11,7 @@
 
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::gates_test {
 namespace {
 
 using test::expect_error;
@@ -161,4 +161,4 @@ TEST(Verdicts, TellDoubtsApart) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::gates_test

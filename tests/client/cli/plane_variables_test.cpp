@@ -13,7 +13,7 @@
 #include "core/base/error.h"
 #include "core/io/mesh_file.h"
 
-namespace deform::cli {
+namespace deform::cli::plane_variables_test {
 namespace {
 
 using ::testing::ElementsAre;
@@ -107,4 +107,4 @@ TEST(PlaneVariables, OfControlPointsAreNotLookedAt) {
 }
 
 }  // namespace
-}  // namespace deform::cli
+}  // namespace deform::cli::plane_variables_test

@@ -13,7 +13,7 @@
 #include "client/cli/output/printable_stream.h"
 #include "client/cli/output/result_json.h"
 
-namespace deform {
+namespace deform::printed_test {
 namespace {
 
 TEST(ErrorJson, NamesTheFieldThatTheMessageStartsWith) {
@@ -194,4 +194,4 @@ TEST(Applied, SaysWhyItFailedAndWhetherItWasWritten) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::printed_test

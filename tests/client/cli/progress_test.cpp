@@ -9,7 +9,7 @@
 #include <string>
 #include <thread>
 
-namespace deform {
+namespace deform::progress_test {
 namespace {
 
 using namespace std::chrono_literals;
@@ -69,4 +69,4 @@ TEST(Progress, IsSilentWhereNothingTakesLongOrNothingIsDone) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::progress_test

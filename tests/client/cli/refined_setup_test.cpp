@@ -17,7 +17,7 @@
 #include "core/numerics/lattice/moved_lattice.h"
 #include "tests/support/expect_error.h"
 
-namespace deform::cli {
+namespace deform::cli::refined_setup_test {
 namespace {
 
 using test::expect_error;
@@ -193,4 +193,4 @@ TEST_F(RefinedLattice, RefusesWhatCannotBe) {
 }
 
 }  // namespace
-}  // namespace deform::cli
+}  // namespace deform::cli::refined_setup_test

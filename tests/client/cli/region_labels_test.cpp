@@ -8,7 +8,7 @@
 #include "client/cli/setup/setup_stages.h"
 #include "tests/support/expect_error.h"
 
-namespace deform::cli {
+namespace deform::cli::region_labels_test {
 namespace {
 
 using test::expect_error;
@@ -120,4 +120,4 @@ TEST(RegionLabels, NamesTheRegionThatCannotBeSelected) {
 }
 
 }  // namespace
-}  // namespace deform::cli
+}  // namespace deform::cli::region_labels_test

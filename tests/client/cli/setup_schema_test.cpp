@@ -11,7 +11,7 @@
 #include "core/base/error.h"
 #include "deform/v1/setup.pb.h"
 
-namespace deform::cli {
+namespace deform::cli::setup_schema_test {
 namespace {
 
 using Document = nlohmann::ordered_json;
@@ -153,4 +153,4 @@ TEST(SetupSchema, RefusesWhatOnlyTheServerRefuses) {
 }
 
 }  // namespace
-}  // namespace deform::cli
+}  // namespace deform::cli::setup_schema_test

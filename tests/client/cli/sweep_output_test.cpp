@@ -11,7 +11,7 @@
 #include "client/cli/sweep/tar.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::sweep_output_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -404,4 +404,4 @@ TEST_F(SweepOutput, OnlyFailuresMakeNoArchive) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::sweep_output_test

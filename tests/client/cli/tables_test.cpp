@@ -11,7 +11,7 @@
 #include "client/cli/sweep/sweep_designs.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::tables_test {
 namespace {
 
 using test::expect_error;
@@ -262,4 +262,4 @@ TEST(SweepDesigns, ABoundInSinglePrecisionIsTheBound) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::tables_test

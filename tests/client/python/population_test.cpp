@@ -10,7 +10,7 @@
 #include "tests/client/scripted_service.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::population_test {
 namespace {
 
 using python::Population;
@@ -157,4 +157,4 @@ TEST_F(PopulationTest, MayBeLeftBeforeItsEnd) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::population_test

@@ -10,7 +10,7 @@
 
 #include "core/base/error.h"
 
-namespace deform::client {
+namespace deform::client::contexts_test {
 namespace {
 
 using testing::HasSubstr;
@@ -78,4 +78,4 @@ TEST_F(ContextsFile, SaysWhatIsWrongAndWhere) {
 }
 
 }  // namespace
-}  // namespace deform::client
+}  // namespace deform::client::contexts_test

@@ -10,7 +10,7 @@
 
 #include "tests/support/expect_error.h"
 
-namespace deform::client {
+namespace deform::client::expression_test {
 namespace {
 
 using test::expect_error;
@@ -126,4 +126,4 @@ TEST(Expression, OfNoiseIsANumberOrAnError) {
 }
 
 }  // namespace
-}  // namespace deform::client
+}  // namespace deform::client::expression_test

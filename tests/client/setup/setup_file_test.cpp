@@ -12,7 +12,7 @@
 #include "client/setup/id_files.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::setup_file_test {
 namespace {
 
 using test::expect_error;
@@ -211,4 +211,4 @@ TEST(SetupFile, TellsIdsFromFiles) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::setup_file_test

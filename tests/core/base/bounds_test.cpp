@@ -6,7 +6,7 @@
 #include <cmath>
 #include <limits>
 
-namespace deform {
+namespace deform::bounds_test {
 namespace {
 
 constexpr double infinity = std::numeric_limits<double>::infinity();
@@ -41,4 +41,4 @@ TEST(Bounds, RefuseTheRest) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::bounds_test

@@ -7,7 +7,7 @@
 
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::checks_test {
 namespace {
 
 constexpr double infinity = std::numeric_limits<double>::infinity();
@@ -49,4 +49,4 @@ TEST(Checks, NameTheLimitsOfARange) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::checks_test

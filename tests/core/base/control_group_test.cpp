@@ -10,7 +10,7 @@
 #include <string>
 #include <thread>
 
-namespace deform {
+namespace deform::control_group_test {
 namespace {
 
 /// A folder that stands for "/".
@@ -93,4 +93,4 @@ TEST(ControlGroup, CoresAreAtLeastOneAndThoseOfTheMachineAtMost) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::control_group_test

@@ -3,7 +3,7 @@
 
 #include <gtest/gtest.h>
 
-namespace deform {
+namespace deform::error_test {
 namespace {
 
 TEST(NearestNames, SuggestsTypos) { EXPECT_EQ(nearest_names("rof", {"nose", "roof", "underbody"}), "\"roof\""); }
@@ -43,4 +43,4 @@ TEST(Error, KeepsCodeAndMessage) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::error_test

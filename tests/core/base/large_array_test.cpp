@@ -11,7 +11,7 @@
 #include <string>
 #include <utility>
 
-namespace deform {
+namespace deform::large_array_test {
 namespace {
 
 std::uintptr_t begin_of(const LargeArray<double>& array) { return reinterpret_cast<std::uintptr_t>(array.data()); }
@@ -53,4 +53,4 @@ TEST(LargeArray, LargeOnesAskForHugePages) {
 #endif
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::large_array_test

@@ -7,7 +7,7 @@
 #include <random>
 #include <vector>
 
-namespace deform {
+namespace deform::model_size_test {
 namespace {
 
 /// In a box of 2 x 1 x 0.5 at (5, -3, 100).
@@ -72,4 +72,4 @@ TEST(ModelSize, TakesTheFarFieldForThePartOfTheModelThatItIs) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::model_size_test

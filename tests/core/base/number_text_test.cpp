@@ -6,7 +6,7 @@
 #include <cstdlib>
 #include <limits>
 
-namespace deform {
+namespace deform::number_text_test {
 namespace {
 
 TEST(NumberDigits, AreTheFewestThatReadBack) {
@@ -42,4 +42,4 @@ TEST(Mebibytes, AreKibibytesBelowOne) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::number_text_test

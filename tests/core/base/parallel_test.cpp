@@ -11,7 +11,7 @@
 
 #include "core/base/error.h"
 
-namespace deform {
+namespace deform::parallel_test {
 namespace {
 
 TEST(ParallelFor, CoversEveryIndexOnceInFixedRanges) {
@@ -137,4 +137,4 @@ TEST(ParallelFor, DeadlineStops) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::parallel_test

@@ -5,7 +5,7 @@
 
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::problems_test {
 namespace {
 
 void fail(ErrorCode code, const char* message) { throw Error(code, message); }
@@ -48,4 +48,4 @@ TEST(Problems, ThrowTheFirst) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::problems_test

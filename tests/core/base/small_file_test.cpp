@@ -7,7 +7,7 @@
 #include <filesystem>
 #include <fstream>
 
-namespace deform {
+namespace deform::small_file_test {
 namespace {
 
 TEST(WhyUnreadable, IsInTheWordsOfTheSystem) {
@@ -22,4 +22,4 @@ TEST(WhyUnreadable, IsInTheWordsOfTheSystem) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::small_file_test

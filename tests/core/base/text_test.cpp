@@ -5,7 +5,7 @@
 
 #include "core/base/base64.h"
 
-namespace deform {
+namespace deform::text_test {
 namespace {
 
 TEST(MarkupText, NothingIsMarkup) {
@@ -91,4 +91,4 @@ TEST(Base64, DecodesWhatItEncodesAndNothingElse) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::text_test

@@ -8,7 +8,7 @@
 #include <future>
 #include <thread>
 
-namespace deform {
+namespace deform::thread_pool_test {
 namespace {
 
 /// Occupies a thread of a pool until it goes.
@@ -82,4 +82,4 @@ TEST(ThreadPool, KnowsItsLimit) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::thread_pool_test

@@ -3,7 +3,7 @@
 
 #include <gtest/gtest.h>
 
-namespace deform {
+namespace deform::types_test {
 namespace {
 
 TEST(Affine, ComposeAppliesTheSecondFirst) {
@@ -31,4 +31,4 @@ TEST(Box, HoldsThePointsAndNoMore) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::types_test

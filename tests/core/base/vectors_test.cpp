@@ -6,7 +6,7 @@
 #include <cmath>
 #include <limits>
 
-namespace deform {
+namespace deform::vectors_test {
 namespace {
 
 constexpr double infinity = std::numeric_limits<double>::infinity();
@@ -54,4 +54,4 @@ TEST(Vectors, AreFiniteWhenAllCoordinatesAre) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::vectors_test

@@ -61,7 +61,7 @@
 #include "core/cad/document.h"
 #include "tests/support/expect_error.h"
 
-namespace deform::cad {
+namespace deform::cad::cad_apply_test {
 namespace {
 
 using Became = DeformedFace::Became;
@@ -878,4 +878,4 @@ TEST_F(CadApply, AnEdgeThatShrinksToAPointIsRefused) {
 }
 
 }  // namespace
-}  // namespace deform::cad
+}  // namespace deform::cad::cad_apply_test

@@ -20,7 +20,7 @@
 #include "tests/core/cad/pair_files.h"
 #include "tests/core/cad/pair_models.h"
 
-namespace deform::cad {
+namespace deform::cad::cad_marks_test {
 namespace {
 
 using testing::Contains;
@@ -399,4 +399,4 @@ TEST_F(CadMarks, NamesThatContradictPlacesAreRefused) {
 }
 
 }  // namespace
-}  // namespace deform::cad
+}  // namespace deform::cad::cad_marks_test

@@ -35,7 +35,7 @@
 #include "core/base/error.h"
 #include "core/base/vectors.h"
 
-namespace deform::cad {
+namespace deform::cad::cad_move_test {
 namespace {
 
 using testing::HasSubstr;
@@ -455,4 +455,4 @@ TEST_F(CadMove, GivenPairsAreChecked) {
 }
 
 }  // namespace
-}  // namespace deform::cad
+}  // namespace deform::cad::cad_move_test

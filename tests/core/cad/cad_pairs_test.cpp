@@ -37,7 +37,7 @@
 #include "tests/core/cad/pair_files.h"
 #include "tests/core/cad/pair_models.h"
 
-namespace deform::cad {
+namespace deform::cad::cad_pairs_test {
 namespace {
 
 using testing::HasSubstr;
@@ -795,4 +795,4 @@ INSTANTIATE_TEST_SUITE_P(All, CadPairs, testing::ValuesIn(pairs()), [](const aut
 });
 
 }  // namespace
-}  // namespace deform::cad
+}  // namespace deform::cad::cad_pairs_test

@@ -60,7 +60,7 @@
 #include "core/cad/spline_axis.h"
 #include "core/cad/thin_plate.h"
 
-namespace deform::cad {
+namespace deform::cad::cad_parts_test {
 namespace {
 
 using testing::HasSubstr;
@@ -451,4 +451,4 @@ TEST(SplineAxis, ReproducesCubicsAndHasCornersAtItsBreaks) {
 }
 
 }  // namespace
-}  // namespace deform::cad
+}  // namespace deform::cad::cad_parts_test

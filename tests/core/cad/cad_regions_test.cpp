@@ -21,7 +21,7 @@
 #include "core/base/error.h"
 #include "core/base/vectors.h"
 
-namespace deform::cad {
+namespace deform::cad::cad_regions_test {
 namespace {
 
 using Kind = CadShape::Kind;
@@ -266,4 +266,4 @@ TEST_F(CadRegionsTest, NodesOffTheModelAreNamed) {
 }
 
 }  // namespace
-}  // namespace deform::cad
+}  // namespace deform::cad::cad_regions_test

@@ -28,7 +28,7 @@
 #include "tests/core/cad/pair_models.h"
 #include "tests/support/long_tests.h"
 
-namespace deform::cad {
+namespace deform::cad::cad_round_trip_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -294,4 +294,4 @@ INSTANTIATE_TEST_SUITE_P(All, SharedCad, testing::ValuesIn(shared_models()), [](
 });
 
 }  // namespace
-}  // namespace deform::cad
+}  // namespace deform::cad::cad_round_trip_test

@@ -8,7 +8,7 @@
 #include "core/cad/cad_regions.h"
 #include "tests/support/expect_error.h"
 
-namespace deform::cad {
+namespace deform::cad::without_cad_test {
 namespace {
 
 TEST(WithoutCad, EveryFrontNamesThePackagesAndTheOption) {
@@ -23,4 +23,4 @@ TEST(WithoutCad, EveryFrontNamesThePackagesAndTheOption) {
 }
 
 }  // namespace
-}  // namespace deform::cad
+}  // namespace deform::cad::without_cad_test

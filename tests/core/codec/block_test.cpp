@@ -10,7 +10,7 @@
 #include "core/base/error.h"
 #include "tests/core/codec/block_fields.h"
 
-namespace deform::codec {
+namespace deform::codec::block_test {
 namespace {
 
 const Encoding all_encodings[] = {Encoding::raw_f64, Encoding::raw_f32, Encoding::draco, Encoding::delta_zstd};
@@ -242,4 +242,4 @@ TEST(Block, sizes_must_agree) {
 }
 
 }  // namespace
-}  // namespace deform::codec
+}  // namespace deform::codec::block_test

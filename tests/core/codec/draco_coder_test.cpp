@@ -11,7 +11,7 @@
 #include <random>
 #include <vector>
 
-namespace deform::codec {
+namespace deform::codec::draco_coder_test {
 namespace {
 
 constexpr std::size_t scheme_byte = 26;  // behind the header: 0 tagged, 1 raw
@@ -110,4 +110,4 @@ TEST(DracoCoder, BlocksDoNotDependOnThoseBefore) {
 }
 
 }  // namespace
-}  // namespace deform::codec
+}  // namespace deform::codec::draco_coder_test

@@ -8,7 +8,7 @@
 #include <cstring>
 #include <set>
 
-namespace deform::codec {
+namespace deform::codec::geometry_id_test {
 namespace {
 
 std::string sha256(const std::string& bytes) {
@@ -117,4 +117,4 @@ TEST(GeometryId, cells_follow_in_the_documented_order) {
 }
 
 }  // namespace
-}  // namespace deform::codec
+}  // namespace deform::codec::geometry_id_test

@@ -11,7 +11,7 @@
 #include "core/codec/block.h"
 #include "tests/core/codec/block_fields.h"
 
-namespace deform::codec {
+namespace deform::codec::hostile_block_test {
 namespace {
 
 Points decoded(const Block& block, const Points& registered) {
@@ -179,4 +179,4 @@ TEST(HostileBlock, zstd_frames_of_another_size) {
 }
 
 }  // namespace
-}  // namespace deform::codec
+}  // namespace deform::codec::hostile_block_test

@@ -13,7 +13,7 @@
 
 #include "tests/support/expect_error.h"
 
-namespace deform::codec {
+namespace deform::codec::pem_test {
 namespace {
 
 using test::expect_error;
@@ -112,4 +112,4 @@ TEST(Pem, NamesAreEscapedAndShort) {
 }
 
 }  // namespace
-}  // namespace deform::codec
+}  // namespace deform::codec::pem_test

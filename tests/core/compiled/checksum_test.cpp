@@ -8,7 +8,7 @@
 #include <random>
 #include <vector>
 
-namespace deform::compiled {
+namespace deform::compiled::checksum_test {
 namespace {
 
 TEST(Checksum, IsXxh64OfEveryLength) {
@@ -21,4 +21,4 @@ TEST(Checksum, IsXxh64OfEveryLength) {
 }
 
 }  // namespace
-}  // namespace deform::compiled
+}  // namespace deform::compiled::checksum_test

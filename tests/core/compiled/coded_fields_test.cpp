@@ -12,7 +12,7 @@
 #include "tests/core/compiled/contents.h"
 #include "tests/support/expect_error.h"
 
-namespace deform::compiled {
+namespace deform::compiled::coded_fields_test {
 namespace {
 
 using deform::test::expect_error;
@@ -165,4 +165,4 @@ TEST(CodedFields, AreReadFromAFile) {
 }
 
 }  // namespace
-}  // namespace deform::compiled
+}  // namespace deform::compiled::coded_fields_test

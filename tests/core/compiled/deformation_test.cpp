@@ -14,7 +14,7 @@
 #include "tests/core/compiled/contents.h"
 #include "tests/support/expect_error.h"
 
-namespace deform::compiled {
+namespace deform::compiled::deformation_test {
 namespace {
 
 using deform::test::expect_error;
@@ -354,4 +354,4 @@ TEST(CompiledDeformation, ReportsMisfitsWhereTheBasisHasThem) {
 }
 
 }  // namespace
-}  // namespace deform::compiled
+}  // namespace deform::compiled::deformation_test

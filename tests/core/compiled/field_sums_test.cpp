@@ -10,7 +10,7 @@
 
 #include "core/compiled/content.h"
 
-namespace deform::compiled {
+namespace deform::compiled::field_sums_test {
 namespace {
 
 std::vector<double> random_numbers(std::size_t count, std::uint64_t seed) {
@@ -52,4 +52,4 @@ TEST(FieldSums, ProductsAreAddedInPlace) {
 }
 
 }  // namespace
-}  // namespace deform::compiled
+}  // namespace deform::compiled::field_sums_test

@@ -15,7 +15,7 @@
 #include "tests/core/compiled/contents.h"
 #include "tests/support/expect_error.h"
 
-namespace deform::compiled {
+namespace deform::compiled::reader_test {
 namespace {
 
 using deform::test::expect_error;
@@ -371,4 +371,4 @@ TEST(CompiledRecords, RefusesWhatHasNoForm) {
 }
 
 }  // namespace
-}  // namespace deform::compiled
+}  // namespace deform::compiled::reader_test

@@ -6,7 +6,7 @@
 
 #include "tests/core/constraints/projection_checks.h"
 
-namespace deform {
+namespace deform::cone_test {
 namespace {
 
 using namespace test;
@@ -93,4 +93,4 @@ TEST(Cone, LimitsAndDegenerateSets) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::cone_test

@@ -8,7 +8,7 @@
 #include "tests/core/constraints/projection_checks.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::constraint_test {
 namespace {
 
 using namespace test;
@@ -162,4 +162,4 @@ TEST(Constraint, RefusesBadInput) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::constraint_test

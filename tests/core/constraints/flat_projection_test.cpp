@@ -13,7 +13,7 @@
 #include "core/constraints/matched_shape.h"
 #include "tests/core/constraints/projection_checks.h"
 
-namespace deform {
+namespace deform::flat_projection_test {
 namespace {
 
 using namespace test;
@@ -67,4 +67,4 @@ TEST(FlatProjection, TellsDistancesInSpace) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::flat_projection_test

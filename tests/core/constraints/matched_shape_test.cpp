@@ -6,7 +6,7 @@
 
 #include "tests/core/constraints/projection_checks.h"
 
-namespace deform {
+namespace deform::matched_shape_test {
 namespace {
 
 using namespace test;
@@ -81,4 +81,4 @@ TEST(Rigid, DegenerateSets) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::matched_shape_test

@@ -6,7 +6,7 @@
 
 #include "tests/core/constraints/projection_checks.h"
 
-namespace deform {
+namespace deform::plane_test {
 namespace {
 
 using namespace test;
@@ -90,4 +90,4 @@ TEST(Plane, LargeSetsTakeLinearTime) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::plane_test

@@ -10,7 +10,7 @@
 #include "core/constraints/symmetric.h"
 #include "tests/core/constraints/projection_checks.h"
 
-namespace deform {
+namespace deform::relations_test {
 namespace {
 
 using namespace test;
@@ -293,4 +293,4 @@ TEST(Extent, MisfitIsSharedByTheEnds) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::relations_test

@@ -14,7 +14,7 @@
 #include "core/constraints/sphere.h"
 #include "tests/core/constraints/projection_checks.h"
 
-namespace deform {
+namespace deform::round_test {
 namespace {
 
 using namespace test;
@@ -341,4 +341,4 @@ TEST(Round, CentreIsAmongThePoints) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::round_test

@@ -14,7 +14,7 @@
 #include "tests/core/quality/surface_meshes.h"
 #include "tests/support/long_tests.h"
 
-namespace deform {
+namespace deform::affine_motion_test {
 namespace {
 
 /// By 30 degrees about (1, 2, 3), and a little shear.
@@ -329,4 +329,4 @@ TEST(AffineMotion, DisplacementsThatTurnAreWarnedOf) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::affine_motion_test

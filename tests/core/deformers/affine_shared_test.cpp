@@ -15,7 +15,7 @@
 #include "tests/support/end_handles.h"
 #include "tests/support/long_tests.h"
 
-namespace deform {
+namespace deform::affine_shared_test {
 namespace {
 
 struct Closed {
@@ -62,4 +62,4 @@ TEST(AffineMotion, OfAllHandlesIsFollowedByMlsOnRealClosedSurfaces) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::affine_shared_test

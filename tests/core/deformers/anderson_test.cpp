@@ -8,7 +8,7 @@
 #include <Eigen/Core>
 #include <random>
 
-namespace deform {
+namespace deform::anderson_test {
 namespace {
 
 std::vector<Vec3> points_from(const Eigen::VectorXd& flat) {
@@ -111,4 +111,4 @@ TEST(Anderson, EstimatesTheRateOfTheIteration) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::anderson_test

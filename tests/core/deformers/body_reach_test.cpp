@@ -16,7 +16,7 @@
 #include "tests/core/deformers/block_meshes.h"
 #include "tests/core/quality/surface_meshes.h"
 
-namespace deform {
+namespace deform::body_reach_test {
 namespace {
 
 /// Two prongs along x, 0.15 thick, with a slot of 0.05 from x = 0.3 on.
@@ -156,4 +156,4 @@ TEST(BodyReach, NothingIsCutInABodyWithoutSlots) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::body_reach_test

@@ -23,7 +23,7 @@
 #include "tests/core/numerics/cages.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::cage_symmetry_test {
 namespace {
 
 using test::across;
@@ -229,4 +229,4 @@ TEST(CageSymmetry, RefusesOtherCages) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::cage_symmetry_test

@@ -26,7 +26,7 @@
 #include "tests/support/expect_error.h"
 #include "tests/support/linear_algebra.h"
 
-namespace deform {
+namespace deform::cage_test {
 namespace {
 
 using test::shared;
@@ -543,4 +543,4 @@ TEST(Cage, MotionsAreNotSplit) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::cage_test

@@ -20,7 +20,7 @@
 #include "tests/core/numerics/cages.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::compiled_controls_test {
 namespace {
 
 void expect_basis_path(const std::shared_ptr<const System>& system, const std::vector<double>& at) {
@@ -129,4 +129,4 @@ TEST(CompiledControls, OfASectorAreTheBasisPath) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::compiled_controls_test

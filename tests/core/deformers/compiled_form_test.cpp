@@ -17,7 +17,7 @@
 #include "tests/core/deformers/mirrored.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::compiled_form_test {
 namespace {
 
 using test::compiled_deformation;
@@ -194,4 +194,4 @@ TEST(CompiledForm, CompressedBasesKeepTheirBound) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::compiled_form_test

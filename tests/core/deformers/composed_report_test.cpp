@@ -19,7 +19,7 @@
 #include "tests/core/deformers/shapes.h"
 #include "tests/core/numerics/cages.h"
 
-namespace deform {
+namespace deform::composed_report_test {
 namespace {
 
 using test::box;
@@ -289,4 +289,4 @@ TEST(ComposedReport, ControlPointsAddToWhatMovedNearThem) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::composed_report_test

@@ -24,7 +24,7 @@
 #include "tests/core/numerics/cages.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::composed_test {
 namespace {
 
 using test::box;
@@ -479,4 +479,4 @@ TEST(Composed, ErrorsAreToldOfTheChain) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::composed_test

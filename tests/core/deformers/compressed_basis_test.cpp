@@ -11,7 +11,7 @@
 #include "tests/core/deformers/energy_cases.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::compressed_basis_test {
 namespace {
 
 /// A mesh, what is prepared on it, and the name of the case. Regions are lists of points, so that units can be changed.
@@ -250,4 +250,4 @@ TEST(Basis, FieldsThatNothingMovesChangeNoBit) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::compressed_basis_test

@@ -10,7 +10,7 @@
 
 #include "core/base/error.h"
 
-namespace deform {
+namespace deform::compressed_fields_test {
 namespace {
 
 struct Fields {
@@ -224,4 +224,4 @@ TEST(CompressedFields, StopWhenCancelled) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::compressed_fields_test

@@ -17,7 +17,7 @@
 #include "tests/core/deformers/dense_interpolant.h"
 #include "tests/core/deformers/shapes.h"
 
-namespace deform {
+namespace deform::condition_test {
 namespace {
 
 using test::Wide;
@@ -341,4 +341,4 @@ INSTANTIATE_TEST_SUITE_P(Layers, Condition, testing::ValuesIn(cases), [](const a
 });
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::condition_test

@@ -14,7 +14,7 @@
 #include "core/base/vectors.h"
 #include "core/constraints/constraint.h"
 
-namespace deform {
+namespace deform::constrained_solver_test {
 namespace {
 
 struct Problem {
@@ -183,4 +183,4 @@ INSTANTIATE_TEST_SUITE_P(Problems, ConstrainedSolverMinimum,
                                          Problem{20, 5000, 100}, Problem{40, 0, 1000}, Problem{40, 5000, 30}));
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::constrained_solver_test

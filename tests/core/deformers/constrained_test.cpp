@@ -11,7 +11,7 @@
 #include "tests/support/expect_error.h"
 #include "tests/support/thesis_options.h"
 
-namespace deform {
+namespace deform::constrained_test {
 namespace {
 
 using test::box;
@@ -334,4 +334,4 @@ TEST(Constrained, StopsWhenTold) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::constrained_test

@@ -29,7 +29,7 @@
 #include "tests/core/deformers/dense_placement.h"
 #include "tests/support/long_tests.h"
 
-namespace deform {
+namespace deform::contract_test {
 namespace {
 
 using test::Wide;
@@ -880,4 +880,4 @@ TEST(ContractOfExactConstraints, HoldsOnRandomSetups) {
 INSTANTIATE_TEST_SUITE_P(Seeds, Contract, testing::Range<std::uint64_t>(0, shards));
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::contract_test

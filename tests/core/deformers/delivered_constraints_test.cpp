@@ -22,7 +22,7 @@
 #include "tests/core/deformers/estimate_bounds.h"
 #include "tests/support/linear_algebra.h"
 
-namespace deform::test {
+namespace deform::test::delivered_constraints_test {
 namespace {
 
 namespace dense = dense_energy;
@@ -309,4 +309,4 @@ TEST(DeliveredConstraints, DenseRowsMakeTheSameGlobalStep) {
 }
 
 }  // namespace
-}  // namespace deform::test
+}  // namespace deform::test::delivered_constraints_test

@@ -12,7 +12,7 @@
 #include "tests/core/deformers/shapes.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::designs_test {
 namespace {
 
 const double nan = std::numeric_limits<double>::quiet_NaN();
@@ -251,4 +251,4 @@ TEST(Designs, ScalingAboutTheOriginMovesEveryPointByItsPlace) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::designs_test

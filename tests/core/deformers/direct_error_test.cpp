@@ -19,7 +19,7 @@
 #include "tests/core/deformers/dense_controls.h"
 #include "tests/core/deformers/half_cages.h"
 
-namespace deform {
+namespace deform::direct_error_test {
 namespace {
 
 using test::dense_controls::Extended;
@@ -302,4 +302,4 @@ INSTANTIATE_TEST_SUITE_P(Parts, DirectError, testing::Values(Cut{1}, Cut{2}, Cut
 });
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::direct_error_test

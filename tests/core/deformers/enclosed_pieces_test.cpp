@@ -10,7 +10,7 @@
 #include "core/deformers/energy/spaces/mesh_pieces.h"
 #include "tests/core/quality/surface_meshes.h"
 
-namespace deform {
+namespace deform::enclosed_pieces_test {
 namespace {
 
 EnclosedPieces enclosed(const Mesh& mesh) {
@@ -82,4 +82,4 @@ TEST(EnclosedPieces, BowlsTubesSheetsAndFacesThatDisagreeEncloseNothing) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::enclosed_pieces_test

@@ -17,7 +17,7 @@
 #include "tests/core/deformers/space_cases.h"
 #include "tests/support/long_tests.h"
 
-namespace deform {
+namespace deform::energy_error_test {
 namespace {
 
 struct Case {
@@ -215,4 +215,4 @@ TEST(ReportedError, HandlesThatAreDrivenTogetherHaveNoNote) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::energy_error_test

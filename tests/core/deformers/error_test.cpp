@@ -15,7 +15,7 @@
 #include "tests/support/linear_algebra.h"
 #include "tests/support/long_tests.h"
 
-namespace deform {
+namespace deform::error_test {
 namespace {
 
 using Extended = long double;
@@ -191,4 +191,4 @@ TEST(ReportedError, SaysSoWhenAFactorHasNoCorrectDigits) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::error_test

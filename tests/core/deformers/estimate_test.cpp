@@ -18,7 +18,7 @@
 #include "tests/support/expect_error.h"
 #include "tests/support/thesis_options.h"
 
-namespace deform {
+namespace deform::estimate_test {
 namespace {
 
 using test::box;
@@ -369,4 +369,4 @@ TEST(Estimate, BudgetsSeeConstraints) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::estimate_test

@@ -10,7 +10,7 @@
 #include "tests/support/long_tests.h"
 #include "tests/support/thesis_options.h"
 
-namespace deform {
+namespace deform::exact_detected_test {
 namespace {
 
 using test::box;
@@ -175,4 +175,4 @@ TEST(ExactConstraints, NoPointOfRandomDetectedSetsIsThrownAway) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::exact_detected_test

@@ -19,7 +19,7 @@
 #include "tests/core/deformers/shapes.h"
 #include "tests/support/long_tests.h"
 
-namespace deform::test {
+namespace deform::test::exact_joins_test {
 namespace {
 
 constexpr double first_layer = 2e-5;  // of an annulus that is 2 wide
@@ -321,4 +321,4 @@ TEST(ExactJoins, few_points_are_carried_as_before) {
 }
 
 }  // namespace
-}  // namespace deform::test
+}  // namespace deform::test::exact_joins_test

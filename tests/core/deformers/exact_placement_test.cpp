@@ -14,7 +14,7 @@
 #include "tests/core/constraints/detection/parts.h"
 #include "tests/core/deformers/detected_cases.h"
 
-namespace deform {
+namespace deform::exact_placement_test {
 namespace {
 
 using std::numbers::pi;
@@ -225,4 +225,4 @@ TEST(ExactPlacement, EveryKindIsTheNearestWithWhatItKeeps) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::exact_placement_test

@@ -8,7 +8,7 @@
 #include "tests/core/deformers/detected_cases.h"
 #include "tests/support/long_tests.h"
 
-namespace deform {
+namespace deform::exact_shared_test {
 namespace {
 
 TEST(ExactConstraints, NoPointOfRealMeshesIsThrownAway) {
@@ -24,4 +24,4 @@ TEST(ExactConstraints, NoPointOfRealMeshesIsThrownAway) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::exact_shared_test

@@ -11,7 +11,7 @@
 #include "core/deformers/system.h"
 #include "tests/core/deformers/dense_interpolant.h"
 
-namespace deform {
+namespace deform::far_model_test {
 namespace {
 
 using test::Wide;
@@ -109,4 +109,4 @@ TEST(FarModel, RoundingOfPositionsIsNotMultipliedByTheInterpolant) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::far_model_test

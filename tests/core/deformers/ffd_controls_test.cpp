@@ -20,7 +20,7 @@
 #include "tests/core/deformers/lattice_by_hand.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::ffd_controls_test {
 namespace {
 
 using test::shared;
@@ -461,4 +461,4 @@ TEST(FfdByControls, MotionsAreNotSplit) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::ffd_controls_test

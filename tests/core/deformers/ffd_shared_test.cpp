@@ -10,7 +10,7 @@
 #include "core/io/mesh_file.h"
 #include "tests/core/deformers/energy_cases.h"
 
-namespace deform {
+namespace deform::ffd_shared_test {
 namespace {
 
 const std::filesystem::path folder = std::filesystem::path(DEFORM_SHARED_DATA) / "A_surface";
@@ -64,4 +64,4 @@ TEST(FfdOnFandisk, SmallClampsThrowControlPointsFar) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::ffd_shared_test

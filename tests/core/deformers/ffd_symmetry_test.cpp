@@ -24,7 +24,7 @@
 #include "tests/core/deformers/mirrored_sheet.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::ffd_symmetry_test {
 namespace {
 
 using test::across;
@@ -528,4 +528,4 @@ TEST(FfdSymmetry, ControlPointsAreImagesOfThoseInTheirReflections) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::ffd_symmetry_test

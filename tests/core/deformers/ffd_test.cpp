@@ -19,7 +19,7 @@
 #include "tests/support/expect_error.h"
 #include "tests/support/linear_algebra.h"
 
-namespace deform {
+namespace deform::ffd_test {
 namespace {
 
 using test::distance;
@@ -624,4 +624,4 @@ TEST(FfdByMesh, TakesLatticesThatAreTooLargeForADecomposition) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::ffd_test

@@ -9,7 +9,7 @@
 #include "tests/core/deformers/shapes.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::find_problems_test {
 namespace {
 
 using test::box;
@@ -222,4 +222,4 @@ TEST(FindProblems, LeavesOutWhatIsKnownAlready) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::find_problems_test

@@ -16,7 +16,7 @@
 #include "tests/core/mesh/polyhedral.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::flat_case_test {
 namespace {
 
 using test::box;
@@ -184,4 +184,4 @@ TEST(FlatCase, RefusesWhatLeavesIt) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::flat_case_test

@@ -14,7 +14,7 @@
 #include "core/deformers/constrained/global_step.h"
 #include "tests/support/linear_algebra.h"
 
-namespace deform {
+namespace deform::gauss_newton_test {
 namespace {
 
 ConstraintSet plain_set(const ConstraintKind& kind, PointId first, PointId end, double weight, std::mt19937& random) {
@@ -189,4 +189,4 @@ TEST(DeliveredRows, HaveNoHeldPoints) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::gauss_newton_test

@@ -10,7 +10,7 @@
 #include "core/constraints/constraint.h"
 #include "tests/support/linear_algebra.h"
 
-namespace deform {
+namespace deform::global_step_test {
 namespace {
 
 constexpr std::int64_t functions = 24, points = 60;
@@ -100,4 +100,4 @@ TEST(GlobalStep, IsTheMinimumOverTheTranslationsOfTheSets) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::global_step_test

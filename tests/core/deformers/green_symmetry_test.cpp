@@ -31,7 +31,7 @@
 #include "tests/core/numerics/cages.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::green_symmetry_test {
 namespace {
 
 using test::bent;
@@ -711,4 +711,4 @@ TEST(GreenSectors, RefusesOtherCages) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::green_symmetry_test

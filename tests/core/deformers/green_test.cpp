@@ -18,7 +18,7 @@
 #include "tests/core/numerics/green_reference.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::green_test {
 namespace {
 
 using test::shared;
@@ -304,4 +304,4 @@ TEST(GreenCage, RefusesDesignsWithoutNormals) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::green_test

@@ -14,7 +14,7 @@
 #include "tests/core/deformers/energy_cases.h"
 #include "tests/core/quality/cell_by_cell.h"
 
-namespace deform {
+namespace deform::handle_fields_test {
 namespace {
 
 struct Model {
@@ -174,4 +174,4 @@ TEST(HandleFields, TheCheckOfCellsSaysTheSame) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::handle_fields_test

@@ -11,7 +11,7 @@
 #include "core/compiled/motion.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::handle_shapes_test {
 namespace {
 
 using compiled::Shape;
@@ -95,4 +95,4 @@ TEST(HandleShapes, OfMapsThatAreGivenAndNotOfDisplacements) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::handle_shapes_test

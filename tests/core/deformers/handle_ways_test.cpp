@@ -9,7 +9,7 @@
 
 #include "core/base/vectors.h"
 
-namespace deform {
+namespace deform::handle_ways_test {
 namespace {
 
 /// x -> centre + turn by the angle about z times the stretches (x - centre) + shift
@@ -89,4 +89,4 @@ TEST(HandleWays, TranslationsGoStraight) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::handle_ways_test

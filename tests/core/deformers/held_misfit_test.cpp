@@ -15,7 +15,7 @@
 #include "tests/core/deformers/energy_cases.h"
 #include "tests/support/linear_algebra.h"
 
-namespace deform::test {
+namespace deform::test::held_misfit_test {
 namespace {
 
 struct Cloud {
@@ -182,4 +182,4 @@ TEST(HeldMisfit, IsToldWithWhatHolds) {
 }
 
 }  // namespace
-}  // namespace deform::test
+}  // namespace deform::test::held_misfit_test

@@ -11,7 +11,7 @@
 #include "tests/core/deformers/shapes.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::incremental_qr_test {
 namespace {
 
 constexpr double tolerance = 1e-4;
@@ -205,4 +205,4 @@ TEST(IncrementalQrSystem, SamplesAreChecked) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::incremental_qr_test

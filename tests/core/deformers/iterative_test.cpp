@@ -8,7 +8,7 @@
 #include "core/deformers/system.h"
 #include "tests/core/deformers/shapes.h"
 
-namespace deform {
+namespace deform::iterative_test {
 namespace {
 
 constexpr double tolerance = 1e-7;
@@ -116,4 +116,4 @@ TEST(Iterative, ToleranceIsChecked) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::iterative_test

@@ -9,7 +9,7 @@
 #include "core/base/vectors.h"
 #include "core/constraints/plane.h"
 
-namespace deform {
+namespace deform::joint_sets_test {
 namespace {
 
 constexpr std::size_t patches = 150, own = 8;  // three parameters each
@@ -131,4 +131,4 @@ TEST(JointSets, DerivativesOfManySetsAreDifferences) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::joint_sets_test

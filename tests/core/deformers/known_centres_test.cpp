@@ -14,7 +14,7 @@
 #include "tests/core/deformers/block_meshes.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::known_centres_test {
 namespace {
 
 /// Both ends of a sheet of 41 x 41 points, with more than three rings of them.
@@ -115,4 +115,4 @@ TEST(Estimate, StopsWhenItIsCancelled) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::known_centres_test

@@ -15,7 +15,7 @@
 #include "tests/support/expect_error.h"
 #include "tests/support/linear_algebra.h"
 
-namespace deform {
+namespace deform::lattice_space_test {
 namespace {
 
 FfdOptions options_of(LatticeBasis basis, double stretching, double bending) {
@@ -218,4 +218,4 @@ TEST(LatticeSpace, PointsOutsideMustBeFixed) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::lattice_space_test

@@ -18,7 +18,7 @@
 #include "tests/core/deformers/shapes.h"
 #include "tests/support/long_tests.h"
 
-namespace deform::test {
+namespace deform::test::layers_test {
 namespace {
 
 constexpr int kept_layers = 4;
@@ -325,4 +325,4 @@ TEST(StretchedColumn, IsALinearMapWithItsInverseAndTranspose) {
 }
 
 }  // namespace
-}  // namespace deform::test
+}  // namespace deform::test::layers_test

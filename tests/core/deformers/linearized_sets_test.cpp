@@ -14,7 +14,7 @@
 #include "core/base/vectors.h"
 #include "core/constraints/constraint.h"
 
-namespace deform {
+namespace deform::linearized_sets_test {
 namespace {
 
 /// Three planes that are given or a plane, a sphere and a cylinder that are fitted, with points in common.
@@ -135,4 +135,4 @@ TEST(LinearizedSets, AreTheDenseOnes) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::linearized_sets_test

@@ -19,7 +19,7 @@
 #include "tests/core/numerics/cages.h"
 #include "tests/support/counted_allocations.h"
 
-namespace deform {
+namespace deform::memory_test {
 namespace {
 
 using test::box;
@@ -267,4 +267,4 @@ INSTANTIATE_TEST_SUITE_P(InSpace, SpaceMemoryTest, testing::ValuesIn(cases_in_sp
 INSTANTIATE_TEST_SUITE_P(Constrained, DesignMemoryTest, testing::ValuesIn(cases_with_constraints()), name_of_case);
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::memory_test

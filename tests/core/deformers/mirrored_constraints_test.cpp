@@ -14,7 +14,7 @@
 #include "tests/support/expect_error.h"
 #include "tests/support/linear_algebra.h"
 
-namespace deform {
+namespace deform::mirrored_constraints_test {
 namespace {
 
 using test::across;
@@ -197,4 +197,4 @@ TEST(MirroredConstraints, ErrorsNameTheHalfModel) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::mirrored_constraints_test

@@ -20,7 +20,7 @@
 #include "tests/core/numerics/cages.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::mirrored_system_test {
 namespace {
 
 using test::across;
@@ -330,4 +330,4 @@ TEST(MirroredSystem, RefusesWhatLeavesThePlane) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::mirrored_system_test

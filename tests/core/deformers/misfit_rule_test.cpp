@@ -17,7 +17,7 @@
 #include "tests/core/deformers/estimate_bounds.h"
 #include "tests/core/deformers/shapes.h"
 
-namespace deform::test {
+namespace deform::test::misfit_rule_test {
 namespace {
 
 constexpr double first_layer = 2e-5;  // of a channel that is 2 long
@@ -252,4 +252,4 @@ TEST(MisfitRule, first_cells_of_half_models_keep_their_height_too) {
 }
 
 }  // namespace
-}  // namespace deform::test
+}  // namespace deform::test::misfit_rule_test

@@ -16,7 +16,7 @@
 #include "tests/support/expect_error.h"
 #include "tests/support/thesis_options.h"
 
-namespace deform {
+namespace deform::mls_space_test {
 namespace {
 
 using test::at_samples;
@@ -316,4 +316,4 @@ TEST(MeshPieces, MeasuresOfEveryKindOfCell) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::mls_space_test

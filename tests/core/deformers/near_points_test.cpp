@@ -16,7 +16,7 @@
 #include "core/deformers/system.h"
 #include "tests/core/deformers/shapes.h"
 
-namespace deform::test {
+namespace deform::test::near_points_test {
 namespace {
 
 /// The half y >= 0 of a hull of a length of 4 units, with a bulb; its stem, keel and stern are on the plane y = 0.
@@ -202,4 +202,4 @@ TEST(NearPoints, stored_systems_keep_their_results_and_tell_their_errors) {
 }
 
 }  // namespace
-}  // namespace deform::test
+}  // namespace deform::test::near_points_test

@@ -3,7 +3,7 @@
 
 #include <gtest/gtest.h>
 
-namespace deform {
+namespace deform::newton_form_test {
 namespace {
 
 /// The form of a set of 100 points, each with one distance from a plane.
@@ -45,4 +45,4 @@ TEST(NewtonForm, DenseFormsHaveLimits) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::newton_form_test

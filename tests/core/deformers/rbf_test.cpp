@@ -11,7 +11,7 @@
 #include "core/mesh/ahmed.h"
 #include "tests/core/deformers/shapes.h"
 
-namespace deform {
+namespace deform::rbf_test {
 namespace {
 
 Region group(const std::string& name) { return {Region::GroupName{name}}; }
@@ -319,4 +319,4 @@ TEST(Rbf, EstimateIsAnUpperBound) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::rbf_test

@@ -22,7 +22,7 @@
 #include "tests/support/linear_algebra.h"
 #include "tests/support/long_tests.h"
 
-namespace deform {
+namespace deform::rbf_tolerance_test {
 namespace {
 
 using Eigen::Index;
@@ -578,4 +578,4 @@ INSTANTIATE_TEST_SUITE_P(Seeds, RandomIncrementalQr, testing::Range<std::uint64_
 INSTANTIATE_TEST_SUITE_P(Seeds, RandomDerivatives, testing::Range<std::uint64_t>(0, shards));
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::rbf_tolerance_test

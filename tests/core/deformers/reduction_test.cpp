@@ -18,7 +18,7 @@
 #include "tests/core/deformers/shapes.h"
 #include "tests/support/long_tests.h"
 
-namespace deform {
+namespace deform::reduction_test {
 namespace {
 
 using test::box;
@@ -392,4 +392,4 @@ TEST(Reduction, TheMostMissedOfManyAreTheWorst) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::reduction_test

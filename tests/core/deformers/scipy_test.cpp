@@ -7,7 +7,7 @@
 #include "tests/core/deformers/shapes.h"
 #include "tests/support/scipy_interpolator.h"
 
-namespace deform {
+namespace deform::scipy_test {
 namespace {
 
 TEST(SciPy, AgreesOnBothPaths) {
@@ -52,4 +52,4 @@ TEST(SciPy, AgreesOnBothPaths) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::scipy_test

@@ -18,7 +18,7 @@
 #include "tests/core/deformers/wheel.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::sector_controls_test {
 namespace {
 
 using test::SectorModel;
@@ -175,4 +175,4 @@ TEST(SectorControls, RefusesOtherCages) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::sector_controls_test

@@ -25,7 +25,7 @@
 #include "tests/core/numerics/cages.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::sector_methods_test {
 namespace {
 
 using test::casing;
@@ -349,4 +349,4 @@ TEST(SectorMethods, RefusesWhatTheyCannot) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::sector_methods_test

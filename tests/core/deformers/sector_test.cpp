@@ -15,7 +15,7 @@
 #include "tests/core/deformers/wheel.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::sector_test {
 namespace {
 
 using test::SectorModel;
@@ -454,4 +454,4 @@ TEST(Sector, AsksForTheCountThatTheMeshHas) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::sector_test

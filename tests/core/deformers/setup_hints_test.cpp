@@ -10,7 +10,7 @@
 #include "core/base/vectors.h"
 #include "tests/core/deformers/shapes.h"
 
-namespace deform {
+namespace deform::setup_hints_test {
 namespace {
 
 using Texts = std::vector<std::string>;
@@ -146,4 +146,4 @@ TEST(SetupHints, AHalfModelWithoutItsPlane) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::setup_hints_test

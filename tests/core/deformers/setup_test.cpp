@@ -13,7 +13,7 @@
 #include "tests/core/deformers/shapes.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::setup_test {
 namespace {
 
 using test::box;
@@ -386,4 +386,4 @@ TEST(Setup, BadVariableValuesAreRefusedByName) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::setup_test

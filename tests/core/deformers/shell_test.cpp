@@ -10,7 +10,7 @@
 #include "tests/core/deformers/energy_cases.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::shell_test {
 namespace {
 
 using test::distance;
@@ -245,4 +245,4 @@ TEST(Shell, PreparingCanBeStoppedBeforeThereIsASystem) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::shell_test

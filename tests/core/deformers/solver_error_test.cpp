@@ -9,7 +9,7 @@
 #include "core/deformers/constrained/energy_solver.h"
 #include "tests/support/linear_algebra.h"
 
-namespace deform {
+namespace deform::solver_error_test {
 namespace {
 
 using Matrix = Eigen::Matrix<long double, Eigen::Dynamic, Eigen::Dynamic>;
@@ -126,4 +126,4 @@ INSTANTIATE_TEST_SUITE_P(Enforcements, SolverError,
                          testing::Values(HandleEnforcement::eliminated, HandleEnforcement::soft, HandleEnforcement::multipliers));
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::solver_error_test

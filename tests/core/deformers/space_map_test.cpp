@@ -26,7 +26,7 @@
 #include "tests/support/expect_error.h"
 #include "tests/support/linear_algebra.h"
 
-namespace deform {
+namespace deform::space_map_test {
 namespace {
 
 using test::distance;
@@ -501,4 +501,4 @@ TEST(Stages, AreReportedByEveryMethod) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::space_map_test

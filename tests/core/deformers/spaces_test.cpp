@@ -8,7 +8,7 @@
 #include "tests/core/deformers/energy_cases.h"
 #include "tests/support/thesis_options.h"
 
-namespace deform {
+namespace deform::spaces_test {
 namespace {
 
 using test::distance;
@@ -129,4 +129,4 @@ TEST(Spaces, ConstraintsHoldInSpaces) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::spaces_test

@@ -12,7 +12,7 @@
 #include "tests/core/deformers/space_cases.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::splitting_test {
 namespace {
 
 using test::block_setup;
@@ -504,4 +504,4 @@ TEST(Splitting, Refuses) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::splitting_test

@@ -16,7 +16,7 @@
 #include "tests/core/deformers/wheel.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::stored_form_test {
 namespace {
 
 using test::expect_error;
@@ -275,4 +275,4 @@ TEST(StoredForm, RefusesAnotherMeshAnotherSetupAndBytesThatAreNone) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::stored_form_test

@@ -16,7 +16,7 @@
 #include "tests/support/expect_error.h"
 #include "tests/support/thesis_options.h"
 
-namespace deform {
+namespace deform::subspace_space_test {
 namespace {
 
 using Eigen::Index;
@@ -112,4 +112,4 @@ TEST(KernelRows, AreTheKernelWithinTheReach) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::subspace_space_test

@@ -8,7 +8,7 @@
 #include "core/quality/safe_amplitude.h"
 #include "tests/core/deformers/block_meshes.h"
 
-namespace deform {
+namespace deform::symmetry_mesh_test {
 namespace {
 
 // Half of a channel [0, 1]^3, cut at y = 0, and half of a block in it that the cut goes through.
@@ -84,4 +84,4 @@ TEST(SymmetryMesh, SplittingKeepsThePlane) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::symmetry_mesh_test

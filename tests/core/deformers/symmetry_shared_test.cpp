@@ -11,7 +11,7 @@
 #include "core/io/mesh_file.h"
 #include "core/quality/safe_amplitude.h"
 
-namespace deform {
+namespace deform::symmetry_shared_test {
 namespace {
 
 Region group(const char* name) { return {Region::GroupName{name}}; }
@@ -62,4 +62,4 @@ TEST(SymmetryShared, WingTwistsInItsPlane) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::symmetry_shared_test

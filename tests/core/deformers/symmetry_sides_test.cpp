@@ -6,7 +6,7 @@
 #include "core/base/vectors.h"
 #include "tests/core/deformers/mirrored.h"
 
-namespace deform {
+namespace deform::symmetry_sides_test {
 namespace {
 
 using test::HalfModel;
@@ -74,4 +74,4 @@ TEST(SymmetrySides, AreToldInOneSentence) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::symmetry_sides_test

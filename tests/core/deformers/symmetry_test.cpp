@@ -18,7 +18,7 @@
 #include "tests/core/deformers/shapes.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::symmetry_test {
 namespace {
 
 using test::HalfModel;
@@ -447,4 +447,4 @@ TEST(Symmetry, RefusesMotionsOutOfThePlane) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::symmetry_test

@@ -10,7 +10,7 @@
 #include "core/mesh/elements.h"
 #include "tests/core/deformers/shapes.h"
 
-namespace deform {
+namespace deform::unheld_bodies_test {
 namespace {
 
 /// The sheet, and further ones of 5 x 4 points above it.
@@ -100,4 +100,4 @@ TEST(UnheldBodies, AreJoinedByCells) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::unheld_bodies_test

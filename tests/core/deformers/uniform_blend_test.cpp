@@ -7,7 +7,7 @@
 #include "core/deformers/methods.h"
 #include "tests/core/deformers/energy_cases.h"
 
-namespace deform {
+namespace deform::uniform_blend_test {
 namespace {
 
 using test::UniformBlendMethod;
@@ -61,4 +61,4 @@ TEST(UniformBlend, TakesTheDirectPathForDisplacementsPerPoint) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::uniform_blend_test

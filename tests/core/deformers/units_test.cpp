@@ -25,7 +25,7 @@
 #include "tests/core/deformers/shapes.h"
 #include "tests/support/long_tests.h"
 
-namespace deform::test {
+namespace deform::test::units_test {
 namespace {
 
 /// A model with two handles and fixed points.
@@ -326,4 +326,4 @@ TEST_P(Units, shifts_without_rounding_change_nothing) {
 INSTANTIATE_TEST_SUITE_P(Methods, Units, testing::ValuesIn(cases()), [](const auto& of) { return of.param.name; });
 
 }  // namespace
-}  // namespace deform::test
+}  // namespace deform::test::units_test

@@ -13,7 +13,7 @@
 #include "core/quality/element_quality.h"
 #include "tests/support/expect_error.h"
 
-namespace deform::io {
+namespace deform::io::abaqus_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -423,4 +423,4 @@ TEST(Abaqus, RefusesWhatIsWrong) {
 }
 
 }  // namespace
-}  // namespace deform::io
+}  // namespace deform::io::abaqus_test

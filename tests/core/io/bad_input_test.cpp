@@ -10,7 +10,7 @@
 #include "core/io/mesh_file.h"
 #include "tests/support/expect_error.h"
 
-namespace deform::io {
+namespace deform::io::bad_input_test {
 namespace {
 
 struct BadInput {
@@ -435,4 +435,4 @@ TEST_F(BadPointsTest, BeyondTheRangeOfFloats) {
 }
 
 }  // namespace
-}  // namespace deform::io
+}  // namespace deform::io::bad_input_test

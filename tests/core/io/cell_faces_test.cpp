@@ -16,7 +16,7 @@
 #include "core/io/formats/vtk/xml_tree.h"
 #include "tests/support/expect_error.h"
 
-namespace deform::io {
+namespace deform::io::cell_faces_test {
 namespace {
 
 /// nx x ny x nz cubes, each with its six faces in an order of its own, which begin anywhere.
@@ -109,4 +109,4 @@ TEST(XmlText, HasTheCharactersThatEntitiesStandFor) {
 }
 
 }  // namespace
-}  // namespace deform::io
+}  // namespace deform::io::cell_faces_test

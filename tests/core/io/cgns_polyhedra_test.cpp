@@ -8,7 +8,7 @@
 #include "tests/core/io/cgns_writer.h"
 #include "tests/support/expect_error.h"
 
-namespace deform::io {
+namespace deform::io::cgns_polyhedra_test {
 namespace {
 
 using test::CgnsWriter;
@@ -173,4 +173,4 @@ TEST(CgnsPolyhedra, RefusesWhatIsWrong) {
 }
 
 }  // namespace
-}  // namespace deform::io
+}  // namespace deform::io::cgns_polyhedra_test

@@ -17,7 +17,7 @@
 #include "tests/core/mesh/straight_elements.h"
 #include "tests/support/expect_error.h"
 
-namespace deform::io {
+namespace deform::io::cgns_test {
 namespace {
 
 using test::CgnsWriter;
@@ -412,4 +412,4 @@ TEST(Cgns, ConditionsOfBlocksNameFacesThatThereAre) {
 }
 
 }  // namespace
-}  // namespace deform::io
+}  // namespace deform::io::cgns_test

@@ -13,7 +13,7 @@
 #include "core/io/formats/openfoam/openfoam_folder.h"
 #include "core/io/mesh_file.h"
 
-namespace deform::io {
+namespace deform::io::changed_words_test {
 namespace {
 
 /// A line of a file, and a mark for each of its words when that is left out, and for each when it is "?", 77, -1, 0.5 and 1:
@@ -598,4 +598,4 @@ TEST(ChangedWords, OpenFoam) {
 }
 
 }  // namespace
-}  // namespace deform::io
+}  // namespace deform::io::changed_words_test

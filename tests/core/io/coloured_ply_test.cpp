@@ -10,7 +10,7 @@
 #include "core/io/mesh_file.h"
 #include "tests/support/expect_error.h"
 
-namespace deform::io {
+namespace deform::io::coloured_ply_test {
 namespace {
 
 Mesh two_faces() {
@@ -61,4 +61,4 @@ TEST(ColouredPly, Refusals) {
 }
 
 }  // namespace
-}  // namespace deform::io
+}  // namespace deform::io::coloured_ply_test

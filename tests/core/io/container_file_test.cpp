@@ -37,7 +37,7 @@ extern "C" ssize_t pread(int descriptor, void* to, std::size_t size, off_t at) {
   return ::syscall(SYS_pread64, descriptor, to, std::min(size, most_at_once), at);
 }
 
-namespace deform::io {
+namespace deform::io::container_file_test {
 namespace {
 
 using test::expect_error;
@@ -133,4 +133,4 @@ TEST(ContainerFile, WithoutAFolderIsAnError) {
 }
 
 }  // namespace
-}  // namespace deform::io
+}  // namespace deform::io::container_file_test

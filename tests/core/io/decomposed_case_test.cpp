@@ -14,7 +14,7 @@
 #include "core/io/mesh_file.h"
 #include "tests/support/expect_error.h"
 
-namespace deform::io {
+namespace deform::io::decomposed_case_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -531,4 +531,4 @@ TEST(CollatedFile, IsToldByItsClass) {
 }
 
 }  // namespace
-}  // namespace deform::io
+}  // namespace deform::io::decomposed_case_test

@@ -15,7 +15,7 @@
 #include "tests/core/mesh/straight_elements.h"
 #include "tests/support/expect_error.h"
 
-namespace deform::io {
+namespace deform::io::exodus_test {
 namespace {
 
 using test::ExodusWriter;
@@ -355,4 +355,4 @@ TEST(Exodus, RefusesWhatIsWrong) {
 }
 
 }  // namespace
-}  // namespace deform::io
+}  // namespace deform::io::exodus_test

@@ -14,7 +14,7 @@
 #include "core/mesh/ahmed.h"
 #include "tests/support/expect_error.h"
 
-namespace deform::io {
+namespace deform::io::files_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -241,4 +241,4 @@ TEST_F(FilesTest, TheAhmedBodyGoesThroughBothFormats) {
 }
 
 }  // namespace
-}  // namespace deform::io
+}  // namespace deform::io::files_test

@@ -7,7 +7,7 @@
 #include <limits>
 #include <random>
 
-namespace deform::io {
+namespace deform::io::fitted_decimal_test {
 namespace {
 
 std::string nastran(double value, std::size_t width) { return fitted_decimal(value, width, DecimalStyle::nastran).value_or("-"); }
@@ -89,4 +89,4 @@ TEST(ParseDecimal, FormsOfBothFormats) {
 }
 
 }  // namespace
-}  // namespace deform::io
+}  // namespace deform::io::fitted_decimal_test

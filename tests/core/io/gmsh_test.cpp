@@ -11,7 +11,7 @@
 #include "tests/core/io/text_diff.h"
 #include "tests/support/expect_error.h"
 
-namespace deform::io {
+namespace deform::io::gmsh_test {
 namespace {
 
 using testing::ElementsAre;
@@ -431,4 +431,4 @@ TEST(Gmsh, RefusesWhatIsWrong) {
 }
 
 }  // namespace
-}  // namespace deform::io
+}  // namespace deform::io::gmsh_test

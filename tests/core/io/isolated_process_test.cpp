@@ -15,7 +15,7 @@
 #include "tests/core/io/open_descriptors.h"
 #include "tests/support/expect_error.h"
 
-namespace deform::io {
+namespace deform::io::isolated_process_test {
 namespace {
 
 using test::open_descriptors;
@@ -140,4 +140,4 @@ TEST(IsolatedProcess, IsNotWaitedForOnceItIsCancelled) {
 }
 
 }  // namespace
-}  // namespace deform::io
+}  // namespace deform::io::isolated_process_test

@@ -18,7 +18,7 @@
 #include "tests/core/mesh/polyhedral.h"
 #include "tests/support/expect_error.h"
 
-namespace deform::io {
+namespace deform::io::isolated_test {
 namespace {
 
 using test::CgnsWriter;
@@ -326,4 +326,4 @@ TEST(ByteStream, TakesNoMemoryForWhatIsOnlyClaimed) {
 }
 
 }  // namespace
-}  // namespace deform::io
+}  // namespace deform::io::isolated_test

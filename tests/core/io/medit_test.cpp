@@ -8,7 +8,7 @@
 #include "tests/core/io/text_diff.h"
 #include "tests/support/expect_error.h"
 
-namespace deform::io {
+namespace deform::io::medit_test {
 namespace {
 
 using testing::ElementsAre;
@@ -131,4 +131,4 @@ TEST(Medit, RefusesWhatIsWrong) {
 }
 
 }  // namespace
-}  // namespace deform::io
+}  // namespace deform::io::medit_test

@@ -7,7 +7,7 @@
 #include "core/quality/element_quality.h"
 #include "tests/support/expect_error.h"
 
-namespace deform::io {
+namespace deform::io::nastran_test {
 namespace {
 
 using testing::ElementsAre;
@@ -262,4 +262,4 @@ TEST(Nastran, RefusesWhatIsWrong) {
 }
 
 }  // namespace
-}  // namespace deform::io
+}  // namespace deform::io::nastran_test

@@ -9,7 +9,7 @@
 #include "core/io/mesh_file.h"
 #include "tests/core/io/text_diff.h"
 
-namespace deform::io {
+namespace deform::io::obj_test {
 namespace {
 
 using testing::ElementsAre;
@@ -253,4 +253,4 @@ TEST(ObjTest, NormalsOfFacesThatLoseTheirAreaStay) {
 }
 
 }  // namespace
-}  // namespace deform::io
+}  // namespace deform::io::obj_test

@@ -7,7 +7,7 @@
 #include "core/io/binary/byte_order.h"
 #include "core/io/mesh_file.h"
 
-namespace deform::io {
+namespace deform::io::off_test {
 namespace {
 
 using testing::ElementsAre;
@@ -101,4 +101,4 @@ TEST(OffTest, BinaryOfBothByteOrdersWithAndWithoutFaceColours) {
 }
 
 }  // namespace
-}  // namespace deform::io
+}  // namespace deform::io::off_test

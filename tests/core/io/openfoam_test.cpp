@@ -12,7 +12,7 @@
 #include "tests/core/io/text_diff.h"
 #include "tests/support/expect_error.h"
 
-namespace deform::io {
+namespace deform::io::openfoam_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -490,4 +490,4 @@ TEST(OpenFoam, OldNeighbours) {
 }
 
 }  // namespace
-}  // namespace deform::io
+}  // namespace deform::io::openfoam_test

@@ -7,7 +7,7 @@
 #include "core/io/binary/byte_order.h"
 #include "core/io/mesh_file.h"
 
-namespace deform::io {
+namespace deform::io::ply_test {
 namespace {
 
 using testing::ElementsAre;
@@ -171,4 +171,4 @@ TEST(PlyTest, FacesBeforeVertices) {
 }
 
 }  // namespace
-}  // namespace deform::io
+}  // namespace deform::io::ply_test

@@ -9,7 +9,7 @@
 #include "core/base/text.h"
 #include "tests/support/expect_error.h"
 
-namespace deform::io {
+namespace deform::io::readers_test {
 namespace {
 
 using testing::HasSubstr;
@@ -58,4 +58,4 @@ TEST(Readers, AreListedForHelp) {
 }
 
 }  // namespace
-}  // namespace deform::io
+}  // namespace deform::io::readers_test

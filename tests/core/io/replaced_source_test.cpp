@@ -9,7 +9,7 @@
 
 #include "core/io/mesh_file.h"
 
-namespace deform {
+namespace deform::replaced_source_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -90,4 +90,4 @@ TEST_F(ReplacedSource, ThroughLinksToAnOpenFoamMesh) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::replaced_source_test

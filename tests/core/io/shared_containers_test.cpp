@@ -12,7 +12,7 @@
 #include "core/io/mesh_file.h"
 #include "core/quality/element_quality.h"
 
-namespace deform::io {
+namespace deform::io::shared_containers_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -140,4 +140,4 @@ TEST(SharedContainers, QuadraticTetrahedra) {
 }
 
 }  // namespace
-}  // namespace deform::io
+}  // namespace deform::io::shared_containers_test

@@ -14,7 +14,7 @@
 #include "tests/core/io/text_diff.h"
 #include "tests/support/expect_error.h"
 
-namespace deform::io {
+namespace deform::io::shared_data_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -269,4 +269,4 @@ TEST(SharedDataInspectTest, AgreesWithTheProvenance) {
 }
 
 }  // namespace
-}  // namespace deform::io
+}  // namespace deform::io::shared_data_test

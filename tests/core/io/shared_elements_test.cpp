@@ -13,7 +13,7 @@
 #include "core/quality/element_quality.h"
 #include "tests/core/io/text_diff.h"
 
-namespace deform::io {
+namespace deform::io::shared_elements_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -149,4 +149,4 @@ TEST(SharedElementsFolders, NoFileIsLeftOut) {
 }
 
 }  // namespace
-}  // namespace deform::io
+}  // namespace deform::io::shared_elements_test

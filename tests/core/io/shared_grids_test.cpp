@@ -13,7 +13,7 @@
 #include "tests/core/io/text_diff.h"
 #include "tests/support/expect_error.h"
 
-namespace deform::io {
+namespace deform::io::shared_grids_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -113,4 +113,4 @@ TEST(SharedGrids, NoFileIsLeftOut) {
 }
 
 }  // namespace
-}  // namespace deform::io
+}  // namespace deform::io::shared_grids_test

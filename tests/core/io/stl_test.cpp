@@ -9,7 +9,7 @@
 #include "core/io/binary/byte_order.h"
 #include "core/io/mesh_file.h"
 
-namespace deform::io {
+namespace deform::io::stl_test {
 namespace {
 
 using testing::ElementsAre;
@@ -187,4 +187,4 @@ TEST(StlTest, ManyPointsWeldInOrderOfAppearance) {
 }
 
 }  // namespace
-}  // namespace deform::io
+}  // namespace deform::io::stl_test

@@ -5,7 +5,7 @@
 
 #include "core/io/mesh_file.h"
 
-namespace deform::io {
+namespace deform::io::vtk_groups_test {
 namespace {
 
 struct CellArray {
@@ -112,4 +112,4 @@ TEST(VtkGroups, OfSurfacesAreTheSame) {
 }
 
 }  // namespace
-}  // namespace deform::io
+}  // namespace deform::io::vtk_groups_test

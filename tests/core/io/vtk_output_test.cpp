@@ -14,7 +14,7 @@
 #include "core/io/mesh_file.h"
 #include "tests/support/expect_error.h"
 
-namespace deform::io {
+namespace deform::io::vtk_output_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -294,4 +294,4 @@ TEST(VtkOutput, VtkReadsIt) {
 }
 
 }  // namespace
-}  // namespace deform::io
+}  // namespace deform::io::vtk_output_test

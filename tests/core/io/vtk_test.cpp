@@ -12,7 +12,7 @@
 #include "tests/core/io/text_diff.h"
 #include "tests/support/expect_error.h"
 
-namespace deform::io {
+namespace deform::io::vtk_test {
 namespace {
 
 using testing::ElementsAre;
@@ -380,4 +380,4 @@ TEST(Vtk, RefusesWhatIsWrong) {
 }
 
 }  // namespace
-}  // namespace deform::io
+}  // namespace deform::io::vtk_test

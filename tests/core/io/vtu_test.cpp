@@ -11,7 +11,7 @@
 #include "core/io/mesh_file.h"
 #include "tests/support/expect_error.h"
 
-namespace deform::io {
+namespace deform::io::vtu_test {
 namespace {
 
 using testing::ElementsAre;
@@ -434,4 +434,4 @@ TEST(Vtu, RefusesDamagedStorage) {
 }
 
 }  // namespace
-}  // namespace deform::io
+}  // namespace deform::io::vtu_test

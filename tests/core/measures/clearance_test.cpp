@@ -10,7 +10,7 @@
 #include "tests/core/quality/surface_meshes.h"
 #include "tests/support/expect_error.h"
 
-namespace deform::measures {
+namespace deform::measures::clearance_test {
 namespace {
 
 using test::expect_error;
@@ -191,4 +191,4 @@ TEST(Clearance, BadInput) {
 }
 
 }  // namespace
-}  // namespace deform::measures
+}  // namespace deform::measures::clearance_test

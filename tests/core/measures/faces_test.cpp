@@ -12,7 +12,7 @@
 #include "tests/core/quality/surface_meshes.h"
 #include "tests/support/expect_error.h"
 
-namespace deform::measures {
+namespace deform::measures::faces_test {
 namespace {
 
 using test::expect_error;
@@ -84,4 +84,4 @@ TEST(Body, RefusesWhatHasNoInside) {
 }
 
 }  // namespace
-}  // namespace deform::measures
+}  // namespace deform::measures::faces_test

@@ -12,7 +12,7 @@
 #include "tests/core/quality/surface_meshes.h"
 #include "tests/support/expect_error.h"
 
-namespace deform::measures {
+namespace deform::measures::integrals_test {
 namespace {
 
 using test::expect_error;
@@ -311,4 +311,4 @@ TEST(Area, OfFacesWithoutAreaHasNoNan) {
 }
 
 }  // namespace
-}  // namespace deform::measures
+}  // namespace deform::measures::integrals_test

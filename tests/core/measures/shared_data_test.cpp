@@ -12,7 +12,7 @@
 #include "tests/core/measures/measure_checks.h"
 #include "tests/support/expect_error.h"
 
-namespace deform::measures {
+namespace deform::measures::shared_data_test {
 namespace {
 
 std::shared_ptr<const Mesh> read(const std::string& name) {
@@ -106,4 +106,4 @@ TEST(MeasuresOfRealMeshes, OfACarInTheAir) {
 }
 
 }  // namespace
-}  // namespace deform::measures
+}  // namespace deform::measures::shared_data_test

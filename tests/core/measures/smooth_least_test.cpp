@@ -8,7 +8,7 @@
 #include <random>
 #include <vector>
 
-namespace deform::measures {
+namespace deform::measures::smooth_least_test {
 namespace {
 
 TEST(SmoothLeast, IsTheFormulaInLongDouble) {
@@ -57,4 +57,4 @@ TEST(SmoothLeast, LeavesInfiniteSamplesOut) {
 }
 
 }  // namespace
-}  // namespace deform::measures
+}  // namespace deform::measures::smooth_least_test

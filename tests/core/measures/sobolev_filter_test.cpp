@@ -11,7 +11,7 @@
 #include "tests/core/quality/surface_meshes.h"
 #include "tests/support/expect_error.h"
 
-namespace deform::measures {
+namespace deform::measures::sobolev_filter_test {
 namespace {
 
 using test::expect_error;
@@ -319,4 +319,4 @@ TEST(SobolevFilter, BadInput) {
 }
 
 }  // namespace
-}  // namespace deform::measures
+}  // namespace deform::measures::sobolev_filter_test

@@ -10,7 +10,7 @@
 #include "tests/core/quality/surface_meshes.h"
 #include "tests/support/expect_error.h"
 
-namespace deform::measures {
+namespace deform::measures::thickness_test {
 namespace {
 
 using test::expect_error;
@@ -280,4 +280,4 @@ TEST(Thickness, BadInput) {
 }
 
 }  // namespace
-}  // namespace deform::measures
+}  // namespace deform::measures::thickness_test

@@ -7,7 +7,7 @@
 #include "tests/core/mesh/named_meshes.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::adjacency_test {
 namespace {
 
 using test::mask_of;
@@ -107,4 +107,4 @@ INSTANTIATE_TEST_SUITE_P(All, NamedMeshTest,
                          [](const auto& tested) { return std::string(tested.param.name); });
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::adjacency_test

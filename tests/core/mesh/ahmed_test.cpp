@@ -11,7 +11,7 @@
 #include "core/mesh/inspect.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::ahmed_test {
 namespace {
 
 constexpr double pi = std::numbers::pi;
@@ -217,4 +217,4 @@ TEST(AhmedOptionsTest, ValuesOutsideTheirRangeAreRefused) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::ahmed_test

@@ -10,7 +10,7 @@
 #include "tests/core/mesh/straight_elements.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::boundary_region_test {
 namespace {
 
 using Ids = std::vector<PointId>;
@@ -141,4 +141,4 @@ TEST(NoPointText, SaysTheBoxInTheFewestDigits) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::boundary_region_test

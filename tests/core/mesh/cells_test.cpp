@@ -9,7 +9,7 @@
 #include "core/base/error.h"
 #include "tests/core/mesh/polyhedral.h"
 
-namespace deform {
+namespace deform::cells_test {
 namespace {
 
 /// Two tetrahedra on both sides of a triangle, and a point that belongs to none of them.
@@ -69,4 +69,4 @@ TEST(PolyhedralCells, AreRefusedByArrayIndexAndLimit) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::cells_test

@@ -12,7 +12,7 @@
 #include "tests/core/mesh/straight_elements.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::elements_test {
 namespace {
 
 std::vector<ElementType> all_types() {
@@ -151,4 +151,4 @@ TEST(FaceKey, OrderAndRepetitionDoNotMatter) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::elements_test

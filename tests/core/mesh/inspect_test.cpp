@@ -5,7 +5,7 @@
 
 #include "tests/core/mesh/named_meshes.h"
 
-namespace deform {
+namespace deform::inspect_test {
 namespace {
 
 TEST(InspectTest, AClosedSurface) {
@@ -96,4 +96,4 @@ TEST(InspectTest, GroupsCountTheirPointsOnce) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::inspect_test

@@ -12,7 +12,7 @@
 #include "tests/core/mesh/named_meshes.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::mesh_test {
 namespace {
 
 using test::expect_error;
@@ -138,4 +138,4 @@ INSTANTIATE_TEST_SUITE_P(
     [](const auto& tested) { return std::string(tested.param.name); });
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::mesh_test

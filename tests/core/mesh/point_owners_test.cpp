@@ -3,7 +3,7 @@
 
 #include <gtest/gtest.h>
 
-namespace deform {
+namespace deform::point_owners_test {
 namespace {
 
 using Ids = std::vector<PointId>;
@@ -26,4 +26,4 @@ TEST(PointOwners, TheFirstKeepsWhatASecondWants) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::point_owners_test

@@ -10,7 +10,7 @@
 #include "tests/core/mesh/named_meshes.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::region_test {
 namespace {
 
 using test::expect_error;
@@ -199,4 +199,4 @@ TEST_F(RegionTest, ControlPointsAreNoPoints) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::region_test

@@ -11,7 +11,7 @@
 #include "core/base/vectors.h"
 #include "tests/core/quality/surface_meshes.h"
 
-namespace deform {
+namespace deform::segment_crossings_test {
 namespace {
 
 /// By the signs of volumes of tetrahedra, over all triangles.
@@ -64,4 +64,4 @@ TEST(SegmentCrossings, AlongAxesAndWithoutFaces) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::segment_crossings_test

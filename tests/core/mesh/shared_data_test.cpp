@@ -10,7 +10,7 @@
 #include "core/mesh/region.h"
 #include "core/mesh/wall_columns.h"
 
-namespace deform {
+namespace deform::shared_data_test {
 namespace {
 
 struct Row {
@@ -46,4 +46,4 @@ TEST(WallColumns, OfACarInOpenFoam) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::shared_data_test

@@ -23,7 +23,7 @@
 #include "tests/core/quality/surface_meshes.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::smooth_patch_test {
 namespace {
 
 using Ids = std::vector<PointId>;
@@ -256,4 +256,4 @@ TEST(PatchRegion, RefusesWhatIsNotOnTheSurface) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::smooth_patch_test

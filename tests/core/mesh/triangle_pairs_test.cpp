@@ -11,7 +11,7 @@
 #include "core/base/vectors.h"
 #include "core/mesh/exact_signs.h"
 
-namespace deform {
+namespace deform::triangle_pairs_test {
 namespace {
 
 using Whole = std::array<std::int64_t, 3>;
@@ -227,4 +227,4 @@ TEST(ExactSigns, TellWhatRoundingHides) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::triangle_pairs_test

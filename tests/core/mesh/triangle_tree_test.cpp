@@ -12,7 +12,7 @@
 #include "tests/core/quality/surface_meshes.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::triangle_tree_test {
 namespace {
 
 using Corners = std::array<PointId, 3>;
@@ -356,4 +356,4 @@ TEST(TriangleTree, MakingOneOfManyTrianglesCanBeStopped) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::triangle_tree_test

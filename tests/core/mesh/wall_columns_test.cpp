@@ -17,7 +17,7 @@
 #include "tests/core/mesh/straight_elements.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::wall_columns_test {
 namespace {
 
 using testing::UnorderedElementsAreArray;
@@ -345,4 +345,4 @@ TEST(WallColumns, RefusesWhatHasNoLayers) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::wall_columns_test

@@ -10,7 +10,7 @@
 #include "core/base/vectors.h"
 #include "tests/core/quality/surface_meshes.h"
 
-namespace deform {
+namespace deform::winding_number_test {
 namespace {
 
 /// The sum over all triangles in long double, by the angles of the spherical triangles.
@@ -73,4 +73,4 @@ TEST(WindingNumber, OfNoFacesIsZero) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::winding_number_test

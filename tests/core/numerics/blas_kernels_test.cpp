@@ -3,7 +3,7 @@
 
 #include <gtest/gtest.h>
 
-namespace deform::lapack {
+namespace deform::lapack::blas_kernels_test {
 namespace {
 
 TEST(BlasKernels, AreReplacedWhereTheProcessorCanDoMore) {
@@ -22,4 +22,4 @@ TEST(BlasKernels, StayWhereOpenBlasKnowsTheProcessor) {
 }
 
 }  // namespace
-}  // namespace deform::lapack
+}  // namespace deform::lapack::blas_kernels_test

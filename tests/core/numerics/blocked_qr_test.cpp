@@ -8,7 +8,7 @@
 
 #include "tests/core/numerics/random_points.h"
 
-namespace deform {
+namespace deform::blocked_qr_test {
 namespace {
 
 using Eigen::Index;
@@ -108,4 +108,4 @@ TEST(BlockedQr, FillsTheSquare) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::blocked_qr_test

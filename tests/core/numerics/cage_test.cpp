@@ -13,7 +13,7 @@
 #include "tests/core/numerics/cages.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::cage_test {
 namespace {
 
 using test::CageMesh;
@@ -269,4 +269,4 @@ TEST(Cage, RefusesWhatIsNotClosed) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::cage_test

@@ -10,7 +10,7 @@
 #include "tests/core/numerics/every_target.h"
 #include "tests/core/numerics/random_points.h"
 
-namespace deform {
+namespace deform::coded_tiles_test {
 namespace {
 
 TEST(CodedTiles, AsManyBitsAsTheLargestNumberNeeds) {
@@ -101,4 +101,4 @@ TEST(CodedTiles, WeightedRowsAgainstPlainLoops) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::coded_tiles_test

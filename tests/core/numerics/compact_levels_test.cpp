@@ -13,7 +13,7 @@
 #include "core/numerics/kernels/tiles.h"
 #include "core/numerics/sampling/farthest_points.h"
 
-namespace deform {
+namespace deform::compact_levels_test {
 namespace {
 
 /// A wall of 40 x 40 points in z = 0, over which stand layers of thickness 1e-3, 1e-5 and 1e-9 at one of its edges; of all these
@@ -207,4 +207,4 @@ TEST(CompactLevels, its_size_is_known_before) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::compact_levels_test

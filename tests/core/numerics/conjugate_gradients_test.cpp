@@ -8,7 +8,7 @@
 
 #include "core/base/error.h"
 
-namespace deform {
+namespace deform::conjugate_gradients_test {
 namespace {
 
 using Eigen::MatrixXd;
@@ -54,4 +54,4 @@ TEST(ConjugateGradients, SayWhereTheyEndedEarly) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::conjugate_gradients_test

@@ -11,7 +11,7 @@
 #include "core/numerics/interpolation/dense_interpolator.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::cyclic_interpolator_test {
 namespace {
 
 struct Wheel {
@@ -120,4 +120,4 @@ TEST(CyclicInterpolator, SaysThatCentresCoincide) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::cyclic_interpolator_test

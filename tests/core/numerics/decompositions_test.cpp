@@ -8,7 +8,7 @@
 #include <random>
 #include <vector>
 
-namespace deform {
+namespace deform::decompositions_test {
 namespace {
 
 constexpr double rounding = 1e-13;
@@ -176,4 +176,4 @@ TEST(Decompositions, LeastSolutionsOfDependentColumnsAreTheShortest) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::decompositions_test

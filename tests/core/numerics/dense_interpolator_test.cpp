@@ -18,7 +18,7 @@
 #include "tests/core/numerics/random_points.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::dense_interpolator_test {
 namespace {
 
 using Eigen::Index;
@@ -371,4 +371,4 @@ TEST(ValueErrors, AreDifferencesUncertaintyAndRounding) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::dense_interpolator_test

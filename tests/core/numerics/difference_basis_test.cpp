@@ -17,7 +17,7 @@
 #include "tests/core/numerics/random_points.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::difference_basis_test {
 namespace {
 
 using Eigen::Index;
@@ -206,4 +206,4 @@ TEST(DifferenceBasis, BoundaryLayersKeepTheirDigits) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::difference_basis_test

@@ -14,7 +14,7 @@
 #include "tests/core/numerics/random_points.h"
 #include "tests/support/long_tests.h"
 
-namespace deform {
+namespace deform::fast_sums_nesting_test {
 namespace {
 
 using Cloud = std::vector<Vec3>;
@@ -150,4 +150,4 @@ TEST(FastSums, FewPointsAreSummedDirectly) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::fast_sums_nesting_test

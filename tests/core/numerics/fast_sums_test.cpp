@@ -12,7 +12,7 @@
 #include "core/numerics/kernels/tiles.h"
 #include "tests/core/numerics/random_points.h"
 
-namespace deform {
+namespace deform::fast_sums_test {
 namespace {
 
 /// On an ellipsoid, denser towards one end by orders of magnitude: what a refined surface mesh looks like to a tree.
@@ -135,4 +135,4 @@ TEST(FastSums, CanBeCancelled) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::fast_sums_test

@@ -12,7 +12,7 @@
 #include "tests/core/numerics/cages.h"
 #include "tests/core/numerics/green_reference.h"
 
-namespace deform {
+namespace deform::green_test {
 namespace {
 
 using test::CageMesh;
@@ -256,4 +256,4 @@ TEST(StretchedNormal, DoesNotExistOnALine) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::green_test

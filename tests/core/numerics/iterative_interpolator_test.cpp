@@ -10,7 +10,7 @@
 #include "core/numerics/kernels/tiles.h"
 #include "tests/core/numerics/random_points.h"
 
-namespace deform {
+namespace deform::iterative_interpolator_test {
 namespace {
 
 using Eigen::Index;
@@ -263,4 +263,4 @@ TEST(ChosenSolver, IsIterativeForManyCentresOfSmoothKernels) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::iterative_interpolator_test

@@ -11,7 +11,7 @@
 #include "core/numerics/kernels/polynomial.h"
 #include "tests/core/numerics/random_points.h"
 
-namespace deform {
+namespace deform::kernel_test {
 namespace {
 
 TEST(Kernel, ValuesAreThoseOfTheThesis) {
@@ -92,4 +92,4 @@ TEST(Kernel, AutomaticShapeFollowsTheSpacingUpToHalfTheDiagonal) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::kernel_test

@@ -11,7 +11,7 @@
 #include "tests/core/numerics/every_target.h"
 #include "tests/core/numerics/random_points.h"
 
-namespace deform {
+namespace deform::lattice_sums_test {
 namespace {
 
 using Real = long double;
@@ -220,4 +220,4 @@ TEST(LatticeSums, DependOnTheirPlaceAndVectorAlone) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::lattice_sums_test

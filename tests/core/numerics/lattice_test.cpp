@@ -14,7 +14,7 @@
 #include "core/numerics/lattice/moved_lattice.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::lattice_test {
 namespace {
 
 using Real = long double;
@@ -333,4 +333,4 @@ TEST(MovedLattice, RefusesFolds) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::lattice_test

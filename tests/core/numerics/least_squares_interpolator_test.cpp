@@ -15,7 +15,7 @@
 #include "tests/core/numerics/random_points.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::least_squares_interpolator_test {
 namespace {
 
 using Eigen::Index;
@@ -350,4 +350,4 @@ TEST(LeastSquaresInterpolator, RefusesBadInput) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::least_squares_interpolator_test

@@ -17,7 +17,7 @@
 #include "tests/core/numerics/random_points.h"
 #include "tests/support/counted_allocations.h"
 
-namespace deform {
+namespace deform::memory_test {
 namespace {
 
 using test::CountedAllocations;
@@ -137,4 +137,4 @@ TEST(Memory, OfFactors) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::memory_test

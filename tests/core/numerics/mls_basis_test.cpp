@@ -17,7 +17,7 @@
 #include "tests/core/numerics/random_points.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::mls_basis_test {
 namespace {
 
 using Complex = std::complex<double>;
@@ -313,4 +313,4 @@ TEST(MlsBasis, DistancesThatCountDecideTheWeights) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::mls_basis_test

@@ -7,7 +7,7 @@
 #include <random>
 #include <vector>
 
-namespace deform {
+namespace deform::near_cells_test {
 namespace {
 
 std::vector<std::uint32_t> found(const NearCells& cells, const Vec3& x) {
@@ -52,4 +52,4 @@ TEST(NearCells, takes_any_place) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::near_cells_test

@@ -10,7 +10,7 @@
 #include "core/base/error.h"
 #include "tests/core/numerics/random_points.h"
 
-namespace deform {
+namespace deform::packed_cholesky_test {
 namespace {
 
 Eigen::MatrixXd definite(Eigen::Index n, std::uint64_t seed) {
@@ -111,4 +111,4 @@ TEST(PackedCholesky, StopsWhenCancelled) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::packed_cholesky_test

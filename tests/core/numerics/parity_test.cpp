@@ -13,7 +13,7 @@
 #include "tests/core/numerics/random_points.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::parity_test {
 namespace {
 
 using Eigen::Index;
@@ -167,4 +167,4 @@ TEST(Parity, EverySolverFindsTheInterpolantOfAllImages) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::parity_test

@@ -21,7 +21,7 @@
 #include "tests/core/numerics/random_points.h"
 #include "tests/support/long_tests.h"
 
-namespace deform {
+namespace deform::point_errors_test {
 namespace {
 
 /// The numbers of the points, those next to a centre first.
@@ -238,4 +238,4 @@ TEST(PointErrors, AreSoughtAtAllPoints) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::point_errors_test

@@ -9,7 +9,7 @@
 
 #include "tests/core/numerics/random_points.h"
 
-namespace deform {
+namespace deform::polynomial_test {
 namespace {
 
 void expect_space(const std::vector<Vec3>& centres, int degree, int dimension, std::size_t terms, std::size_t dropped) {
@@ -87,4 +87,4 @@ TEST(Polynomial, ConstantAcrossTheHull) {
 TEST(Polynomial, NoneAtAll) { EXPECT_EQ(PolynomialSpace(test::random_points(9, 1), -1).terms(), 0u); }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::polynomial_test

@@ -9,7 +9,7 @@
 #include "core/base/vectors.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::refinement_test {
 namespace {
 
 struct Case {
@@ -120,4 +120,4 @@ TEST(LatticeRefinement, RefusesWhatCannotBe) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::refinement_test

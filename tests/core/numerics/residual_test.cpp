@@ -15,7 +15,7 @@
 #include "tests/core/numerics/random_points.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::residual_test {
 namespace {
 
 using Eigen::Index;
@@ -198,4 +198,4 @@ TEST(Residual, RefinementMakesEverySolverExact) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::residual_test

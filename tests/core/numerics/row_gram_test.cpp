@@ -8,7 +8,7 @@
 #include <random>
 #include <vector>
 
-namespace deform {
+namespace deform::row_gram_test {
 namespace {
 
 /// Blocks over a few random columns each, and the same as a full matrix.
@@ -58,4 +58,4 @@ TEST(JoinedColumns, ThoseThatShareABlock) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::row_gram_test

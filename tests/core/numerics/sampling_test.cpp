@@ -15,7 +15,7 @@
 #include "core/numerics/sampling/point_tree.h"
 #include "tests/core/numerics/random_points.h"
 
-namespace deform {
+namespace deform::sampling_test {
 namespace {
 
 /// Triangles over points of their own; the unit square in two unlike triangles and one without area.
@@ -301,4 +301,4 @@ TEST(Samples, CanBeCancelled) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::sampling_test

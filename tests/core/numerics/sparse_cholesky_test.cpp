@@ -10,7 +10,7 @@
 #include "tests/core/numerics/random_points.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::sparse_cholesky_test {
 namespace {
 
 /// Lower triangle of a grid Laplacian on n x n points plus `shift` on the diagonal, and some far-away couplings.
@@ -131,4 +131,4 @@ TEST(SparseCholesky, StopsWhenTold) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::sparse_cholesky_test

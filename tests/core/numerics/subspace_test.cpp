@@ -9,7 +9,7 @@
 
 #include "core/base/run_context.h"
 
-namespace deform {
+namespace deform::subspace_test {
 namespace {
 
 using Eigen::Index;
@@ -48,4 +48,4 @@ TEST(ProjectedLower, IsTheLowerTriangleOfTheProduct) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::subspace_test

@@ -12,7 +12,7 @@
 #include "tests/core/numerics/every_target.h"
 #include "tests/core/numerics/random_points.h"
 
-namespace deform {
+namespace deform::tiles_test {
 namespace {
 
 TEST(Tiles, KernelValuesOnEveryTarget) {
@@ -209,4 +209,4 @@ TEST(Tiles, KernelSumsStopWhenCancelled) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::tiles_test

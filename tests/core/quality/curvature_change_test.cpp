@@ -10,7 +10,7 @@
 #include "tests/core/quality/surface_meshes.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::curvature_change_test {
 namespace {
 
 MeanCurvature curvature_of(const Mesh& mesh) { return mean_curvature(mesh, Adjacency(mesh)); }
@@ -111,4 +111,4 @@ TEST(CurvatureChange, RefusesOtherNumbersOfPoints) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::curvature_change_test

@@ -6,7 +6,7 @@
 
 #include <limits>
 
-namespace deform {
+namespace deform::displacement_test {
 namespace {
 
 using testing::HasSubstr;
@@ -67,4 +67,4 @@ TEST(Displacement, warnings_at_other_points_say_how_far_outside_of_the_mesh_they
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::displacement_test

@@ -11,7 +11,7 @@
 #include "tests/core/quality/cell_shapes.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::element_quality_test {
 namespace {
 
 using namespace test;
@@ -254,4 +254,4 @@ TEST(ElementQuality, Refuses) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::element_quality_test

@@ -17,7 +17,7 @@
 #include "tests/core/quality/surface_meshes.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::face_intersections_test {
 namespace {
 
 using test::Faces;
@@ -326,4 +326,4 @@ TEST(IntersectionCheck, BytesAndErrors) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::face_intersections_test

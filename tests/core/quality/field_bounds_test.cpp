@@ -20,7 +20,7 @@
 #include "tests/core/quality/cell_shapes.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::field_bounds_test {
 namespace {
 
 using namespace test;
@@ -360,4 +360,4 @@ TEST(FieldBounds, BadInput) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::field_bounds_test

@@ -13,7 +13,7 @@
 #include "tests/core/quality/surface_meshes.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::flipped_faces_test {
 namespace {
 
 using test::add_face;
@@ -513,4 +513,4 @@ TEST(FlippedFaces, RefusesOtherNumbersOfPointsAndBearsAnything) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::flipped_faces_test

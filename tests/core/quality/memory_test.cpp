@@ -17,7 +17,7 @@
 #include "tests/core/quality/surface_meshes.h"
 #include "tests/support/counted_allocations.h"
 
-namespace deform {
+namespace deform::memory_test {
 namespace {
 
 using test::CountedAllocations;
@@ -147,4 +147,4 @@ TEST(Memory, OfSurfaceChecks) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::memory_test

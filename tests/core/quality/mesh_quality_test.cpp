@@ -18,7 +18,7 @@
 #include "tests/core/quality/surface_meshes.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::mesh_quality_test {
 namespace {
 
 using test::expect_error;
@@ -303,4 +303,4 @@ TEST(QualityNames, TellCountsFromMeasures) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::mesh_quality_test

@@ -17,7 +17,7 @@
 #include "tests/core/quality/cell_by_cell.h"
 #include "tests/core/quality/cell_shapes.h"
 
-namespace deform {
+namespace deform::motion_certificate_test {
 namespace {
 
 using namespace test;
@@ -351,4 +351,4 @@ TEST(MotionCertificate, SaysNothingOfCellsThatAreNearlyCollapsed) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::motion_certificate_test

@@ -12,7 +12,7 @@
 #include "tests/core/mesh/named_meshes.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::plane_quality_test {
 namespace {
 
 using test::make_mesh;
@@ -103,4 +103,4 @@ TEST(PlaneQuality, Refuses) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::plane_quality_test

@@ -12,7 +12,7 @@
 #include "tests/core/quality/cell_shapes.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::polyhedral_quality_test {
 namespace {
 
 using test::Grid;
@@ -197,4 +197,4 @@ TEST(PolyhedralQuality, Refuses) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::polyhedral_quality_test

@@ -14,7 +14,7 @@
 #include "tests/core/mesh/named_meshes.h"
 #include "tests/core/quality/cell_shapes.h"
 
-namespace deform {
+namespace deform::report_test {
 namespace {
 
 using namespace test;
@@ -114,4 +114,4 @@ TEST(QualityReport, CountsLeftHandedElementsOfPlanes) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::report_test

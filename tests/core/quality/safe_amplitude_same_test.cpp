@@ -11,7 +11,7 @@
 #include "tests/core/quality/cell_by_cell.h"
 #include "tests/core/quality/cell_shapes.h"
 
-namespace deform {
+namespace deform::safe_amplitude_same_test {
 namespace {
 
 using namespace test;
@@ -146,4 +146,4 @@ TEST(SafeAmplitudeSame, FewSuspects) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::safe_amplitude_same_test

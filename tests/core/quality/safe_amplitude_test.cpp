@@ -18,7 +18,7 @@
 #include "tests/core/quality/cell_shapes.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::safe_amplitude_test {
 namespace {
 
 using namespace test;
@@ -722,4 +722,4 @@ TEST(SafeAmplitude, EveryCheckRefusesWrongPoints) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::safe_amplitude_test

@@ -10,7 +10,7 @@
 #include "core/quality/polyhedral_quality.h"
 #include "tests/core/quality/cell_by_cell.h"
 
-namespace deform {
+namespace deform::shared_data_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -92,4 +92,4 @@ INSTANTIATE_TEST_SUITE_P(All, RealCells,
                          });
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::shared_data_test

@@ -8,7 +8,7 @@
 #include "core/quality/polygon.h"
 #include "tests/core/quality/surface_meshes.h"
 
-namespace deform::quality {
+namespace deform::quality::still_faces_test {
 namespace {
 
 double turn(const Vec3& a, const Vec3& b) { return angle_between(a, b) * 180 / std::numbers::pi; }
@@ -71,4 +71,4 @@ TEST(StillFaces, WhatIsNoNumberHasMoved) {
 }
 
 }  // namespace
-}  // namespace deform::quality
+}  // namespace deform::quality::still_faces_test

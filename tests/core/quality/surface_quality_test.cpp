@@ -10,7 +10,7 @@
 #include "tests/core/quality/surface_meshes.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::surface_quality_test {
 namespace {
 
 using test::add_face;
@@ -253,4 +253,4 @@ TEST(SurfaceQuality, Refuses) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::surface_quality_test

@@ -9,7 +9,7 @@
 #include <limits>
 #include <random>
 
-namespace deform::quality {
+namespace deform::quality::taylor_model_test {
 namespace {
 
 constexpr double rounding = 1e-12;  // of numbers up to about 100
@@ -124,4 +124,4 @@ TEST(TaylorModel, WithoutABoundThereIsNone) {
 }
 
 }  // namespace
-}  // namespace deform::quality
+}  // namespace deform::quality::taylor_model_test

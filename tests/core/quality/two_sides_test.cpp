@@ -6,7 +6,7 @@
 #include <algorithm>
 #include <random>
 
-namespace deform::quality {
+namespace deform::quality::two_sides_test {
 namespace {
 
 TEST(TwoSides, ContradictsNothingThatAgrees) {
@@ -64,4 +64,4 @@ TEST(TwoSides, NodesWithoutPairsAreAlone) {
 }
 
 }  // namespace
-}  // namespace deform::quality
+}  // namespace deform::quality::two_sides_test

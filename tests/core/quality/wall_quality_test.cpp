@@ -13,7 +13,7 @@
 #include "core/quality/polyhedral_quality.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::wall_quality_test {
 namespace {
 
 constexpr double degrees = 180 / std::numbers::pi;
@@ -228,4 +228,4 @@ TEST(WallQuality, Refuses) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::wall_quality_test

@@ -6,7 +6,7 @@
 
 #include <string_view>
 
-namespace deform {
+namespace deform::comparison_page_test {
 namespace {
 
 using Mark = ComparisonPage::Mark;
@@ -58,4 +58,4 @@ TEST(ComparisonPage, EscapesTextsAndNeedsNothingElse) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::comparison_page_test

@@ -15,7 +15,7 @@
 #include "tests/core/quality/surface_meshes.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::image_test {
 namespace {
 
 using Pixel = std::array<int, 4>;
@@ -220,4 +220,4 @@ TEST(Png, HoldsThePixels) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::image_test

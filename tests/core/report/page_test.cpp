@@ -12,7 +12,7 @@
 #include "tests/core/quality/surface_meshes.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::page_test {
 namespace {
 
 using test::Faces;
@@ -260,4 +260,4 @@ TEST(Picture, RangesLeaveSpikesOut) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::page_test

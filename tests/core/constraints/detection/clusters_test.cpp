@@ -11,7 +11,7 @@
 #include "tests/core/constraints/detection/expect_found.h"
 #include "tests/core/constraints/detection/parts.h"
 
-namespace deform {
+namespace deform::clusters_test {
 namespace {
 
 using detection::Clusters;
@@ -170,4 +170,4 @@ TEST(FineMeshes, GiveTheSameForAnyNumberOfThreads) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::clusters_test

@@ -9,7 +9,7 @@
 #include <numeric>
 #include <set>
 
-namespace deform {
+namespace deform::competition_test {
 namespace {
 
 using detection::Limits;
@@ -250,4 +250,4 @@ TEST(Competition, RefitsOnlyWhatHasChanged) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::competition_test

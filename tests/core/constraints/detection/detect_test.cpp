@@ -13,7 +13,7 @@
 #include "tests/core/constraints/detection/expect_found.h"
 #include "tests/core/constraints/detection/parts.h"
 
-namespace deform {
+namespace deform::detect_test {
 namespace {
 
 using test::expect_found;
@@ -396,4 +396,4 @@ TEST(Names, OfConstraints) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::detect_test

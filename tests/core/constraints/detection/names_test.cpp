@@ -13,7 +13,7 @@
 #include "core/constraints/detection/names.h"
 #include "tests/core/constraints/detection/parts.h"
 
-namespace deform {
+namespace deform::names_test {
 namespace {
 
 using detection::short_number;
@@ -280,4 +280,4 @@ TEST(Implied, WhatFollowsHoldsHoweverTheRestIsBentAndTheRestDoesNot) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::names_test

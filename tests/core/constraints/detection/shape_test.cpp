@@ -9,7 +9,7 @@
 #include <numbers>
 #include <random>
 
-namespace deform {
+namespace deform::shape_test {
 namespace {
 
 using detection::Effort;
@@ -326,4 +326,4 @@ TEST(Fits, NeedEnoughData) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::shape_test

@@ -17,7 +17,7 @@
 #include "tests/core/constraints/detection/expect_found.h"
 #include "tests/support/long_tests.h"
 
-namespace deform {
+namespace deform::shared_data_test {
 namespace {
 
 using test::Kind;
@@ -372,4 +372,4 @@ TEST(SharedModels, FreeFormPanelsAreNoCylinders) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::shared_data_test

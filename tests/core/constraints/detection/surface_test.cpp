@@ -14,7 +14,7 @@
 #include "core/constraints/detection/seeds.h"
 #include "tests/core/constraints/detection/parts.h"
 
-namespace deform {
+namespace deform::surface_test {
 namespace {
 
 using detection::FitData;
@@ -471,4 +471,4 @@ TEST(Seeds, RandomNumbersAreUniform) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::surface_test

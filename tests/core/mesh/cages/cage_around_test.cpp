@@ -25,7 +25,7 @@
 #include "tests/core/quality/surface_meshes.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::cage_around_test {
 namespace {
 
 using test::expect_cage;
@@ -596,4 +596,4 @@ TEST(CageAround, RefusesWhatCannotBe) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::cage_around_test

@@ -9,7 +9,7 @@
 #include "tests/core/mesh/cages/cage_checks.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::convex_hull_test {
 namespace {
 
 using test::expect_closed;
@@ -95,4 +95,4 @@ TEST(ConvexHull, RefusesWhatHasNone) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::convex_hull_test

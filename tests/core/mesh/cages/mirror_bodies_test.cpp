@@ -17,7 +17,7 @@
 #include "core/mesh/cages/mirror_search.h"
 #include "tests/support/long_tests.h"
 
-namespace deform {
+namespace deform::mirror_bodies_test {
 namespace {
 
 using Random = std::mt19937_64;
@@ -457,4 +457,4 @@ TEST(MirrorBodies, AreAsFarFromTheirImagesAsIsTold) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::mirror_bodies_test

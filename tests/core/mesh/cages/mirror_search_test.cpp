@@ -16,7 +16,7 @@
 #include "tests/core/quality/surface_meshes.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::mirror_search_test {
 namespace {
 
 std::vector<TriangleCorners> triangles_of(const Mesh& mesh) {
@@ -227,4 +227,4 @@ TEST(CagePlane, IsTold) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::mirror_search_test

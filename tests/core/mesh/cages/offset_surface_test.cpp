@@ -16,7 +16,7 @@
 #include "tests/core/quality/surface_meshes.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::offset_surface_test {
 namespace {
 
 using test::expect_closed;
@@ -200,4 +200,4 @@ TEST(CrossingTriangles, AreCounted) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::offset_surface_test

@@ -13,7 +13,7 @@
 #include "core/mesh/cages/crossing_triangles.h"
 #include "tests/core/mesh/cages/cage_checks.h"
 
-namespace deform {
+namespace deform::shared_data_test {
 namespace {
 
 struct Row {
@@ -79,4 +79,4 @@ TEST(HalfCage, OfARealMeshCanBeCutInThePlane) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::shared_data_test

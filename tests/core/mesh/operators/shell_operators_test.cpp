@@ -13,7 +13,7 @@
 #include "tests/support/expect_error.h"
 #include "tests/support/linear_algebra.h"
 
-namespace deform {
+namespace deform::shell_operators_test {
 namespace {
 
 /// A plane grid with its inner points shaken, as triangles, quads or hexagons (two quads).
@@ -167,4 +167,4 @@ TEST(ShellOperators, AssemblyCanBeStopped) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::shell_operators_test

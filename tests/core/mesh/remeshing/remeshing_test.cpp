@@ -19,7 +19,7 @@
 #include "tests/core/quality/surface_meshes.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::remeshing_test {
 namespace {
 
 using test::expect_closed_like;
@@ -231,4 +231,4 @@ TEST(Decimation, StopsWhereTheTopologyEnds) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::remeshing_test

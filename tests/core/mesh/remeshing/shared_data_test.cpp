@@ -15,7 +15,7 @@
 #include "tests/core/mesh/remeshing/decimation.h"
 #include "tests/core/mesh/remeshing/remeshing_checks.h"
 
-namespace deform {
+namespace deform::shared_data_test {
 namespace {
 
 /// All surfaces that can be read, by name.
@@ -92,4 +92,4 @@ TEST(RemeshingShared, RealMeshes) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::shared_data_test

@@ -9,7 +9,7 @@
 #include "core/mesh/ahmed.h"
 #include "tests/core/mesh/named_meshes.h"
 
-namespace deform {
+namespace deform::one_rings_test {
 namespace {
 
 template <typename Range>
@@ -88,4 +88,4 @@ TEST(OneRings, FollowEveryChangeOfConnectivity) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::one_rings_test

@@ -14,7 +14,7 @@
 #include "tests/core/mesh/surface_mesh/face_sets.h"
 #include "tests/support/long_tests.h"
 
-namespace deform {
+namespace deform::random_operations_test {
 namespace {
 
 using test::Corners;
@@ -359,4 +359,4 @@ TEST(SurfaceMeshRandom, OperationsOnTriangles) {
 TEST(SurfaceMeshRandom, OperationsOnPolygons) { run({test::quad_grid(3, 2), test::tetrahedron(), test::quad_grid(1, 1)}, false); }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::random_operations_test

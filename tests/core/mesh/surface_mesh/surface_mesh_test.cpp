@@ -14,7 +14,7 @@
 #include "tests/core/mesh/named_meshes.h"
 #include "tests/support/expect_error.h"
 
-namespace deform {
+namespace deform::surface_mesh_test {
 namespace {
 
 using test::expect_error;
@@ -303,4 +303,4 @@ TEST(SurfaceMesh, TakesAtMost200BytesPerVertex) {
 }
 
 }  // namespace
-}  // namespace deform
+}  // namespace deform::surface_mesh_test
