@@ -25,7 +25,7 @@ COPY client client
 # What --version names; the sources here are no clone that could be asked.
 ARG COMMIT=
 RUN cmake -S . -B /build -G Ninja -DCMAKE_BUILD_TYPE=Release -DDEFORM_BUILD_TESTS=OFF -DDEFORM_COMMIT="$COMMIT" \
- && cmake --build /build --target deformd deform manual \
+ && cmake --build /build --target programs manual \
  && cmake --install /build --strip --component tools --prefix /opt/tools \
  && cmake --install /build --strip --component server --prefix /opt/server
 

@@ -1,4 +1,4 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "client/cli/commands/command.h"
+#include "client/cli/run.h"
 
 int main(int argc, char** argv) { return deform::cli::run(argc, argv); }

@@ -92,6 +92,13 @@ class Materials(unittest.TestCase):
         self.check("tools", "deform", {"libcli11-dev", "nlohmann-json3-dev"})
         self.assertNotIn("libsqlite3-dev", json.dumps(self.document(os.path.join(self.temporary.name, "deform"), "deform")))
 
+    def test_cad_is_a_program_of_its_own(self):
+        """Only where it was built; deform loads nothing of OpenCASCADE either way."""
+        prefix = self.install("deform", "tools")
+        self.assertNotIn("libocct", json.dumps(self.document(prefix, "deform")))
+        if os.path.exists(os.path.join(prefix, "bin", "deform-cad")):
+            self.assertIn("libocct", json.dumps(self.document(prefix, "deform-cad")))
+
     def test_the_same_program_gives_the_same_file(self):
         first, second = (self.document(self.install(folder, "server"), "deformd") for folder in ("deformd", "again"))
         self.assertEqual(first, second)

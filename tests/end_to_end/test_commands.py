@@ -4,6 +4,7 @@
 import json
 import math
 import os
+import shutil
 import signal
 import subprocess
 import tarfile
@@ -356,6 +357,24 @@ class Flow(EndToEnd):
         self.fails(1, "apply", "unbounded.yaml", "--set", "slant_turn=1e300", "-o", "x.obj", says=['"slant_turn"', "1e12 radians"])
         self.write("probes.csv", "x,y,z\n0.5,0,0.3\n")
         self.fails(1, "evaluate", "unbounded.yaml", "probes.csv", "--set", "roof_up=1e300", "-o", "q.csv", says=["times the diagonal"])
+
+    def test_commands_that_need_cad_are_those_of_the_program_beside(self):
+        """Loading OpenCASCADE takes longer than most commands, so it is in a program of its own, which gets all that was given."""
+        alone = self.path("deform")
+        shutil.copy(DEFORM, alone)
+        regions = [alone, "cad-regions", "part with blanks.step", "-", "-o", "", "--json"]
+        missing = subprocess.run(regions, capture_output=True, text=True, timeout=60)
+        self.assertEqual(missing.returncode, 1)
+        self.assertRegex(missing.stderr, "^deform: (this program was built without CAD|the program deform-cad does not lie beside deform)")
+        self.write("deform-cad", "#!/bin/sh\nprintf '<%s>' \"$@\"\ncat\nexit 7\n")
+        refused = subprocess.run(regions, capture_output=True, text=True, timeout=60)
+        self.assertEqual(refused.returncode, 1)
+        self.assertIn("deform-cad: Permission denied", refused.stderr)
+        os.chmod(self.path("deform-cad"), 0o755)
+        for command in (regions, [alone, "--server", "unix:none", "cad-move", "a.step", "b.step", "-", "-o", "m.csv"]):
+            other = subprocess.run(command, input="its input", capture_output=True, text=True, timeout=60)
+            self.assertEqual(other.stdout, "".join(f"<{argument}>" for argument in command[1:]) + "its input")
+            self.assertEqual((other.returncode, other.stderr), (7, ""))
 
     def test_exit_codes(self):
         self.fails(2, says=["--help"])

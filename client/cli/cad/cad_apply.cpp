@@ -7,6 +7,7 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
+#include "client/cli/cad/program_with_cad.h"
 #include "client/cli/cad/space_deformation.h"
 #include "client/cli/commands/command.h"
 #include "client/cli/commands/given_design.h"
@@ -16,7 +17,6 @@
 #include "client/cli/output/result_json.h"
 #include "client/cli/setup/motions.h"
 #include "core/base/text.h"
-#include "core/cad/availability.h"
 #include "core/cad/cad_apply.h"
 
 namespace deform::cli {
@@ -130,7 +130,7 @@ std::vector<std::string> failures_of(const AppliedCad& applied) {
 }
 
 ExitCode run_cad_apply(const CadApplyCommand& options, const CommonOptions& common) {
-  cad::require();
+  need_cad();
   cad::check_request(options.request);
   const auto start = std::chrono::steady_clock::now();
   cad::ApplyRequest request = options.request;

@@ -6,6 +6,7 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
+#include "client/cli/cad/program_with_cad.h"
 #include "client/cli/commands/apply.h"
 #include "client/cli/commands/command.h"
 #include "client/cli/commands/interrupt.h"
@@ -15,7 +16,6 @@
 #include "client/cli/setup/reading.h"
 #include "core/base/number_text.h"
 #include "core/base/text.h"
-#include "core/cad/availability.h"
 #include "core/cad/cad_move.h"
 
 namespace deform::cli {
@@ -162,7 +162,7 @@ ApplyOptions interior_options(const CadMoveCommand& options) {
 }
 
 ExitCode run_cad_move(const CadMoveCommand& options, const CommonOptions& common) {
-  cad::require();
+  need_cad();
   const std::filesystem::path before = options.request.before, after = options.request.after;
   keep_inputs("--output", options.output, {before, after, options.mesh, options.map});
   keep_inputs("--setup", options.setup, {before, after, options.mesh, options.map, options.output});

@@ -10,6 +10,7 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
+#include "client/cli/cad/program_with_cad.h"
 #include "client/cli/commands/command.h"
 #include "client/cli/commands/interrupt.h"
 #include "client/cli/commands/mesh_reading.h"
@@ -19,7 +20,6 @@
 #include "client/cli/setup/reading.h"
 #include "client/cli/setup/region_points.h"
 #include "core/base/text.h"
-#include "core/cad/availability.h"
 
 namespace deform::cli {
 
@@ -230,7 +230,7 @@ nlohmann::ordered_json regions_json(const cad::CadRegions& regions, const Detect
 }
 
 ExitCode run_cad_regions(const CadRegionsCommand& options, const CommonOptions& common) {
-  cad::require();
+  need_cad();
   const RegionsInput input = regions_input(options);
   keep_inputs("-o", options.setup, {input.mesh, options.request.model});
   check_folder("-o", options.setup);

@@ -17,6 +17,7 @@
 #include "client/cli/output/error_json.h"
 #include "client/cli/output/printable_stream.h"
 #include "client/cli/output/result_json.h"
+#include "client/cli/run.h"
 #include "client/setup/contexts.h"
 #include "core/base/commit/commit.h"
 #include "core/base/text.h"

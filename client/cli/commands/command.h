@@ -90,7 +90,4 @@ void add_read_isolated_command(CLI::App& app, const CommonOptions& common, Actio
 /// The whole command line: common options and commands. They and `chosen` outlive the application.
 void define_command_line(CLI::App& app, CommonOptions& common, Action& chosen);
 
-/// The whole program without main: parses, runs, prints errors as one line on stderr.
-int run(int argc, const char* const* argv);
-
 }  // namespace deform::cli
