@@ -439,12 +439,18 @@ TEST_F(CadApply, AModelThatIsNotThatOfTheMeshIsRefused) {
   std::erase_if(half.boundary, [&](PointId id) { return half.rest[id][0] > 0; });
   ApplyRequest asked = request(block(), ".step");
   asked.tolerance = 1e-4;
-  for (const MeshMotion* mesh : {&inches, &elsewhere}) {
-    asked.mesh = mesh;
-    test::expect_error(ErrorCode::invalid_argument, {"is not the model of this mesh", "another unit needs --scale"},
-                       [&] { apply_to_model(asked, each(bent)); });
-    EXPECT_FALSE(std::filesystem::exists(asked.output));
+  for (const double scale : {1.0, 2.0}) {
+    asked.scale = scale;
+    for (const MeshMotion* mesh : {&inches, &elsewhere}) {
+      asked.mesh = mesh;
+      const std::string sizes = std::string("the model is ") + (scale == 1 ? "6" : "12") + " across, the boundary of the mesh " +
+                                (mesh == &inches ? "152.4" : "6") + ": another unit needs --scale";
+      test::expect_error(ErrorCode::invalid_argument, {"is not the model of this mesh", sizes.c_str()},
+                         [&] { apply_to_model(asked, each(bent)); });
+      EXPECT_FALSE(std::filesystem::exists(asked.output));
+    }
   }
+  asked.scale = 1;
   asked.mesh = &half;
   EXPECT_NO_THROW(apply_to_model(asked, each(bent))) << "half of a model is enough";
   asked.scale = 25.4;
