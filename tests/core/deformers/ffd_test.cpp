@@ -8,6 +8,7 @@
 #include <numbers>
 #include <random>
 
+#include "core/base/number_text.h"
 #include "core/base/vectors.h"
 #include "core/deformers/energy/spaces/lattice_space.h"
 #include "core/deformers/energy/spaces/model_lattice.h"
@@ -359,6 +360,9 @@ TEST(ClampedInverse, IsThePseudoInverse) {
         const ClampedInverse::Bytes bytes = ClampedInverse::estimate(*made.rows, held);
         EXPECT_GE(bytes.resident, inverse.bytes());
         EXPECT_EQ(bytes.functions, inverse.functions());
+        const Eigen::Index rank = (dense.svd.values.array() > clamp * dense.svd.values[0]).count();
+        const double condition = dense.svd.values[0] / dense.svd.values[rank - 1];
+        EXPECT_NEAR(inverse.condition(), condition, 1e-6 * condition);
       }
     }
   }
@@ -585,6 +589,9 @@ TEST(DampedInverse, IsTheDampedSolution) {
       const HeldInverse::Bytes bytes = DampedInverse::estimate(*made.rows, held);
       EXPECT_GE(bytes.resident, inverse.bytes());
       EXPECT_LE(bytes.resident, 2 * inverse.bytes());
+      EXPECT_EQ(inverse.damping(), damping);
+      EXPECT_DOUBLE_EQ(inverse.condition(), 1 / damping);
+      EXPECT_NE(inverse.note().find("damped with " + number_digits(damping) + " of the largest"), std::string::npos);
     }
     EXPECT_GE(DampedInverse(*made.rows, held, {0, {h, {}}, {}}, {}).damping(), 1e-5);
     test::expect_error(ErrorCode::invalid_argument, {"method.ffd.clamp", "1e-07", "1e-06"}, [&] {
