@@ -350,6 +350,23 @@ TEST(CadFaults, AllShapesAreLookedAt) {
   const TopoDS_Shape crossed = sheet({gp_Pnt(3, 0, 0), gp_Pnt(4, 1, 0), gp_Pnt(4, 0, 0), gp_Pnt(3, 1, 0)});
   EXPECT_THAT(faults_of(together(sound, crossed)), HasSubstr("loop 2 on face 2: "));
   EXPECT_THAT(faults_of(together(crossed, sound)), HasSubstr("loop 1 on face 1: "));
+  // Edges without a curve are wrong by themselves, and the first few are named.
+  const auto bare = [](int edges) {
+    const BRep_Builder builder;
+    TopoDS_Compound all;
+    builder.MakeCompound(all);
+    for (int k = 0; k < edges; ++k) {
+      TopoDS_Edge edge;
+      builder.MakeEdge(edge);
+      builder.Add(all, edge);
+    }
+    return together(BRepPrimAPI_MakeBox(1, 2, 3).Shape(), all);
+  };
+  const std::string first = "edge 13: BRepCheck_No3DCurve; edge 13: BRepCheck_CheckFail";
+  const std::string second = "; edge 14: BRepCheck_No3DCurve; edge 14: BRepCheck_CheckFail";
+  EXPECT_EQ(faults_of(bare(1)), first);
+  EXPECT_EQ(faults_of(bare(2)), first + second);
+  EXPECT_EQ(faults_of(bare(3)), first + second + "; and 2 more");
 }
 
 TEST(ThinPlate, InterpolatesReproducesPlanesAndHasItsGradient) {
