@@ -646,5 +646,60 @@ TEST(SplineAxis, ReproducesCubicsAndHasCornersAtItsBreaks) {
   EXPECT_EQ(sum, nodes + 4);
 }
 
+TEST(SplineAxis, IsHalvedWithinItsLimits) {
+  SplineAxis axis({0, 1, 3});
+  EXPECT_THAT(axis.nodes(), testing::ElementsAre(0, 1 / 3.0, 2 / 3.0, 1, 1 + 2 / 3.0, 1 + 4 / 3.0, 3));
+  EXPECT_EQ(axis.interval_of(-1), 0);
+  EXPECT_EQ(axis.interval_of(0.5), 1);
+  EXPECT_EQ(axis.interval_of(1), 3) << "a node is the start of the next interval";
+  EXPECT_EQ(axis.interval_of(3), 5);
+  EXPECT_EQ(axis.interval_of(4), 5);
+  // At the end of the first stretch, as often as it goes: intervals of it grow away from there, the other stretch stays.
+  int halved = 0;
+  while (axis.halve({axis.interval_of(1 - 1e-9)})) ASSERT_LT(++halved, 20);
+  EXPECT_EQ(halved, 11) << "1/3 / 2^10 is the last length over 1/4000";
+  const std::vector<double> nodes = axis.nodes();
+  const auto joint = std::find(nodes.begin(), nodes.end(), 1.0) - nodes.begin();
+  EXPECT_EQ(static_cast<int>(nodes.size()) - joint, 4);
+  EXPECT_NEAR(nodes[joint] - nodes[joint - 1], 1 / 3.0 / 2048, 1e-12);
+  for (int k = 1; k < joint; ++k) {
+    const double ratio = (nodes[k] - nodes[k - 1]) / (nodes[k + 1] - nodes[k]);
+    EXPECT_LT(ratio, 2.001);
+    EXPECT_GT(ratio, 0.999);
+  }
+  // Up to 250 nodes, else all stay.
+  std::vector<double> breaks;
+  for (int k = 0; k <= 82; ++k) breaks.push_back(k);
+  SplineAxis many(breaks);
+  ASSERT_EQ(many.nodes().size(), 247u);
+  EXPECT_FALSE(many.halve({0, 5, 10, 15}));
+  EXPECT_EQ(many.nodes().size(), 247u);
+  EXPECT_TRUE(many.halve({0, 5, 10}));
+  EXPECT_EQ(many.nodes().size(), 250u);
+}
+
+TEST(SplineAxis, ChecksLieBetweenTheNodesAndMayBecomeThem) {
+  SplineAxis axis({-0.1, 0.7, 5});
+  axis.halve({0, 4});
+  for (const double spacing : {10.0, 0.3, 0.05}) {
+    const std::vector<double> checks = axis.checks(spacing);
+    std::vector<double> all = axis.nodes();
+    all.insert(all.end(), checks.begin(), checks.end());
+    std::sort(all.begin(), all.end());
+    EXPECT_EQ(std::adjacent_find(all.begin(), all.end()), all.end()) << "no node is one of them";
+    EXPECT_TRUE(std::is_sorted(checks.begin(), checks.end()));
+    if (spacing == 10) EXPECT_EQ(checks.size(), axis.nodes().size() - 1) << "the middles";
+    double widest = 0;
+    for (std::size_t i = 1; i < all.size(); ++i) widest = std::max(widest, all[i] - all[i - 1]);
+    EXPECT_LE(widest, spacing);
+    if (spacing < 1) EXPECT_GT(widest, spacing / 2) << "not many more than needed";
+    SplineAxis finer = axis;
+    std::set<int> each;
+    for (int k = 0; k + 1 < static_cast<int>(axis.nodes().size()); ++k) each.insert(k);
+    ASSERT_TRUE(finer.halve(each));
+    for (const double t : finer.nodes()) EXPECT_TRUE(std::binary_search(all.begin(), all.end(), t)) << t;
+  }
+}
+
 }  // namespace
 }  // namespace deform::cad
