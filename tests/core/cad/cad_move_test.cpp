@@ -32,10 +32,12 @@
 #include <filesystem>
 #include <functional>
 #include <gp_Circ.hxx>
+#include <memory>
 #include <numbers>
 
 #include "core/base/error.h"
 #include "core/base/vectors.h"
+#include "core/mesh/elements.h"
 
 namespace deform::cad {
 namespace {
@@ -127,6 +129,31 @@ TEST_F(CadMove, ABoxBecomesAnotherByAnAffineMap) {
   std::size_t triangles = 0;
   for (const FaceOutcome& face : carried.faces) triangles += face.triangles;
   EXPECT_EQ(triangles, 6u * 36 * 2);
+}
+
+TEST_F(CadMove, FacesInsideOfAVolumeMeshLieOnNoFaceOfTheModel) {
+  // Eight hexahedra in a cube, whose middle layer of nodes is slanted; the faces are those at the bottom and two of that layer,
+  // of which every triangle has the node in the middle.
+  Mesh mesh;
+  for (const int k : {0, 1, 2}) {
+    add_grid(mesh, 2, [&](double a, double b) {
+      return Vec3{2 * a, 2 * b, k + (k == 1 ? 0.3 * (a - 0.5) + 0.5 * (b - 0.5) : 0)};
+    });
+  }
+  mesh.face_points.resize(4 * 4);
+  for (const PointId q : {9, 10, 13, 12, 13, 14, 17, 16}) mesh.face_points.push_back(q);
+  mesh.face_sizes.resize(6);
+  auto elements = std::make_shared<Elements>();
+  for (const PointId p : {0, 1, 3, 4, 9, 10, 12, 13}) {
+    elements->add(ElementType::hexahedron, std::vector<PointId>{p, p + 1, p + 4, p + 3, p + 9, p + 10, p + 13, p + 12});
+  }
+  mesh.elements = elements;
+  const CarriedNodes carried = carry(box(2, 2, 2), box(3, 2, 2), mesh);
+  EXPECT_EQ(carried.nodes.size(), 26u) << "all but the one in the middle";
+  std::size_t triangles = 0;
+  for (const FaceOutcome& face : carried.faces) triangles += face.triangles;
+  EXPECT_EQ(triangles, 2 * 4u) << "those at the bottom";
+  EXPECT_EQ(carried.flipped(), 0u);
 }
 
 TEST_F(CadMove, NodesKeepTheirBitsWhereTheModelStays) {
