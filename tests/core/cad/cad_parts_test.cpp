@@ -428,7 +428,7 @@ FacePatch hexagon(const Handle(Geom_Surface) & surface, const std::array<double,
   for (int j = -3; j <= 3; ++j) {
     for (int i = -3; i <= 3; ++i) {
       add({i, j}, {i + 1, j}, {i, j + 1});
-      add({i, j}, {i - 1, j}, {i, j - 1});
+      add({i - 1, j}, {i, j - 1}, {i, j});
     }
   }
   patch.box = {-10, 10, -10, 10};
@@ -441,44 +441,49 @@ void put(FacePatch::Node& node, const Handle(Geom_Surface) & surface, const Para
   node.place = {p.X(), p.Y(), p.Z()};
 }
 
-TEST(FaceMending, NodesSlideBackToWhereTrianglesHaveTheirShape) {
+TEST(FaceMending, NodesSlideBackToWhereForcesAreInBalance) {
   const gp_Ax3 frame(gp_Pnt(1, 2, 3), gp_Dir(1, 2, 2), gp_Dir(2, -2, 1));
   const double radius = 5;
   const std::vector<std::pair<Handle(Geom_Surface), std::array<double, 2>>> cases{
       {Handle(Geom_Surface)(new Geom_Plane(frame)), {1, 1}},
       {Handle(Geom_Surface)(new Geom_CylindricalSurface(frame, radius)), {1 / radius, 1}}};
   for (const auto& [surface, per_length] : cases) {
-    SCOPED_TRACE(surface->DynamicType()->Name());
-    const FacePatch rest = hexagon(surface, per_length);
-    ASSERT_EQ(rest.nodes.size(), 37u);
-    ASSERT_EQ(rest.triangles.size(), 54u);
-    EXPECT_THAT(flipped_triangles(surface, rest), testing::IsEmpty());
-    FacePatch patch = rest;
-    std::mt19937 engine(4);
-    std::uniform_real_distribution<double> share(-1, 1);
-    std::vector<std::size_t> inner;
-    for (std::size_t i = 0; i < patch.nodes.size(); ++i) {
-      if (!patch.nodes[i].inner) continue;
-      inner.push_back(i);
-      const Parameters& uv = rest.nodes[i].uv;
-      put(patch.nodes[i], surface, {uv[0] + share(engine) * per_length[0], uv[1] + share(engine) * per_length[1]});
-    }
-    for (FacePatch::Triangle& triangle : patch.triangles) {
-      for (Vec3& corner : triangle.shape) corner = 3 * corner;  // shapes count, not sizes
-    }
-    const std::vector<std::size_t> flipped = flipped_triangles(surface, patch);
-    EXPECT_GT(flipped.size(), 5u);
-    slide_inner_nodes(surface, patch, flipped, inner, 0, {});
-    EXPECT_THAT(flipped_triangles(surface, patch), testing::IsEmpty());
-    for (std::size_t i = 0; i < patch.nodes.size(); ++i) {
-      const FacePatch::Node &now = patch.nodes[i], &before = rest.nodes[i];
-      if (!now.inner) {
-        EXPECT_EQ(now.place, before.place);
-        EXPECT_EQ(now.uv, before.uv);
+    for (const double stretch : {1.0, 1.4}) {
+      SCOPED_TRACE(surface->DynamicType()->Name() + std::string(", stretched by ") + std::to_string(stretch));
+      // All triangles are stretched alike where the rim is, which balances the forces at each node.
+      FacePatch rest = hexagon(surface, {per_length[0], stretch * per_length[1]});
+      const FacePatch shapes = hexagon(surface, per_length);
+      for (std::size_t t = 0; t < rest.triangles.size(); ++t) rest.triangles[t].shape = shapes.triangles[t].shape;
+      ASSERT_EQ(rest.nodes.size(), 37u);
+      ASSERT_EQ(rest.triangles.size(), 54u);
+      EXPECT_THAT(flipped_triangles(surface, rest), testing::IsEmpty());
+      FacePatch patch = rest;
+      std::mt19937 engine(4);
+      std::uniform_real_distribution<double> share(-1, 1);
+      std::vector<std::size_t> inner;
+      for (std::size_t i = 0; i < patch.nodes.size(); ++i) {
+        if (!patch.nodes[i].inner) continue;
+        inner.push_back(i);
+        const Parameters& uv = rest.nodes[i].uv;
+        put(patch.nodes[i], surface, {uv[0] + share(engine) * per_length[0], uv[1] + share(engine) * per_length[1]});
       }
-      EXPECT_LT(norm(now.place - before.place), 5e-3) << i;
-      const gp_Pnt p = surface->Value(now.uv[0], now.uv[1]);
-      EXPECT_LT(norm(now.place - Vec3{p.X(), p.Y(), p.Z()}), 1e-14);
+      for (FacePatch::Triangle& triangle : patch.triangles) {
+        for (Vec3& corner : triangle.shape) corner = 3 * corner;  // shapes count, not sizes
+      }
+      const std::vector<std::size_t> flipped = flipped_triangles(surface, patch);
+      EXPECT_GT(flipped.size(), 5u);
+      slide_inner_nodes(surface, patch, flipped, inner, 0, {});
+      EXPECT_THAT(flipped_triangles(surface, patch), testing::IsEmpty());
+      for (std::size_t i = 0; i < patch.nodes.size(); ++i) {
+        const FacePatch::Node &now = patch.nodes[i], &before = rest.nodes[i];
+        if (!now.inner) {
+          EXPECT_EQ(now.place, before.place);
+          EXPECT_EQ(now.uv, before.uv);
+        }
+        EXPECT_LT(norm(now.place - before.place), 5e-3) << i;
+        const gp_Pnt p = surface->Value(now.uv[0], now.uv[1]);
+        EXPECT_LT(norm(now.place - Vec3{p.X(), p.Y(), p.Z()}), 1e-14);
+      }
     }
   }
 }
