@@ -11,6 +11,7 @@
 #include <BRepGProp.hxx>
 #include <BRepPrimAPI_MakeBox.hxx>
 #include <BRepPrimAPI_MakeCylinder.hxx>
+#include <BRepTools.hxx>
 #include <BRepTopAdaptor_FClass2d.hxx>
 #include <BRep_Builder.hxx>
 #include <GProp_GProps.hxx>
@@ -208,6 +209,7 @@ TEST(CadModel, PlacesOfOnePartHaveColoursOfTheirOwn) {
   std::filesystem::remove(path);
   std::filesystem::remove(again);
 }
+
 TEST(CadModel, MergedFacesStayInTheUnitOfTheFile) {
   const TopoDS_Shape halves =
       BRepAlgoAPI_Fuse(BRepPrimAPI_MakeBox(1, 2, 3).Shape(), BRepPrimAPI_MakeBox(gp_Pnt(1, 0, 0), 1, 2, 3).Shape()).Shape();
@@ -220,6 +222,32 @@ TEST(CadModel, MergedFacesStayInTheUnitOfTheFile) {
   EXPECT_EQ(merged.name, "halves.step");
   EXPECT_THAT(merged.notes,
               testing::ElementsAre(HasSubstr("is in inch."), HasSubstr("10 faces and 20 edges were merged to 6 and 12")));
+}
+
+TEST(CadModel, WhatIsNotValidIsHealedAndSaidToBe) {
+  const std::filesystem::path path = std::filesystem::temp_directory_path() / "deform_parts_WhatIsNotValid.brep";
+  const auto sheet = [](const std::array<gp_Pnt, 4>& rim) {
+    const TopoDS_Wire wire = BRepBuilderAPI_MakePolygon(rim[0], rim[1], rim[2], rim[3], true).Wire();
+    return BRepBuilderAPI_MakeFace(gp_Pln(gp::Origin(), gp::DZ()), wire, true).Face();
+  };
+  const auto square = [&](double low, double high) {
+    return sheet({gp_Pnt(low, low, 0), gp_Pnt(high, low, 0), gp_Pnt(high, high, 0), gp_Pnt(low, high, 0)});
+  };
+  // A hole that runs round as the rim does.
+  TopoDS_Face turned = square(0, 3);
+  BRep_Builder().Add(turned, TopExp_Explorer(square(1, 2), TopAbs_WIRE).Current());
+  TopoDS_Edge bare;  // without a curve
+  BRep_Builder().MakeEdge(bare);
+  const auto notes = [&](const TopoDS_Shape& shape) {
+    BRepTools::Write(shape, path.c_str());
+    std::string all;
+    for (const std::string& note : read_model(path, 1).notes) all += note + "\n";
+    return all;
+  };
+  EXPECT_THAT(notes(square(0, 3)), testing::Not(HasSubstr("not valid")));
+  EXPECT_THAT(notes(turned), HasSubstr(path.string() + " is not valid; it was healed."));
+  EXPECT_THAT(notes(together(square(0, 3), bare)), HasSubstr(path.string() + " is not valid; healing did not mend all of it."));
+  std::filesystem::remove(path);
 }
 
 /// Counts what the libraries have to say.
