@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/cad/cad_apply.h"
 
-#include <gmock/gmock-matchers.h>
+#include <gmock/gmock-more-matchers.h>
 #include <gtest/gtest.h>
 
 #include <BRepAdaptor_Curve.hxx>
@@ -712,6 +712,7 @@ TEST_F(CadApply, AKinkAlongAParameterIsFollowed) {
   asked.tolerance = 1e-4;
   const DeformedModel model = apply_to_model(asked, each(folded));
   EXPECT_LT(model.error, 2 * asked.tolerance * model.diagonal);
+  EXPECT_THAT(model.coarse, testing::IsEmpty());
   EXPECT_LT(model.faces[0].poles[0], 80) << "nodes only where the kink is";
   EXPECT_EQ(model.faces[0].poles[1], 4);
 }
@@ -724,6 +725,7 @@ TEST_F(CadApply, ABumpBetweenTheFirstNodesIsFound) {
   const DeformedModel model = apply_to_model(asked, each(bump));
   EXPECT_EQ(model.faces[0].became, Became::fitted);
   EXPECT_LT(model.error, 2 * asked.tolerance * model.diagonal);
+  EXPECT_THAT(model.coarse, testing::IsEmpty());
 }
 
 TEST_F(CadApply, NamesColoursAndTheUnitAreKept) {
