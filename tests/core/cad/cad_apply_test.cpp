@@ -44,6 +44,7 @@
 #include <XCAFDoc_DocumentTool.hxx>
 #include <XCAFDoc_ShapeTool.hxx>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
@@ -116,8 +117,9 @@ BRepAdaptor_Surface face_of(const TopoDS_Shape& shape, int number) {
 class CadApply : public testing::Test {
  protected:
   std::filesystem::path path(const std::string& name) {
-    const auto* test = testing::UnitTest::GetInstance()->current_test_info();
-    files_.push_back(std::filesystem::temp_directory_path() / ("deform_apply_" + std::string(test->name()) + "_" + name));
+    std::string test = testing::UnitTest::GetInstance()->current_test_info()->name();
+    std::replace(test.begin(), test.end(), '/', '_');
+    files_.push_back(std::filesystem::temp_directory_path() / ("deform_apply_" + test + "_" + name));
     return files_.back();
   }
   void TearDown() override {
@@ -188,24 +190,31 @@ class CadApply : public testing::Test {
   std::vector<std::filesystem::path> files_;
 };
 
-TEST_F(CadApply, TheFileLiesOnTheDeformedModelAndKeepsItsVolume) {
-  const std::vector<TopoDS_Shape> shapes{block(), BRepPrimAPI_MakeTorus(2, 0.5).Shape(), BRepPrimAPI_MakeSphere(1.5).Shape()};
-  for (std::size_t i = 0; i < shapes.size(); ++i) {
-    for (const char* extension : {".brep", ".step"}) {
-      const ApplyRequest asked = request(shapes[i], extension);
-      const DeformedModel model = apply_to_model(asked, each(sheared));
-      const double limit = 2 * asked.tolerance * model.diagonal;
-      EXPECT_LT(model.error, limit);
-      EXPECT_LT(model.gap, limit);
-      EXPECT_TRUE(model.coarse.empty());
-      const TopoDS_Shape deformed = read(asked.output);
-      EXPECT_TRUE(BRepCheck_Analyzer(deformed).IsValid());
-      EXPECT_EQ(faces_of(deformed).Extent(), faces_of(shapes[i]).Extent());
-      EXPECT_LT(distance_from(shapes[i], deformed, sheared), limit) << extension << i;
-      EXPECT_NEAR(volume(deformed) / volume(shapes[i]), 1, 1e-6) << extension << i;
-    }
-  }
+/// By the number of a shape, and the extension of the file.
+class CadApplyTo : public CadApply, public testing::WithParamInterface<std::tuple<int, const char*>> {};
+
+TEST_P(CadApplyTo, TheFileLiesOnTheDeformedModelAndKeepsItsVolume) {
+  const auto& [number, extension] = GetParam();
+  const TopoDS_Shape shape = number == 0   ? block()
+                             : number == 1 ? BRepPrimAPI_MakeTorus(2, 0.5).Shape()
+                                           : BRepPrimAPI_MakeSphere(1.5).Shape();
+  const ApplyRequest asked = request(shape, extension);
+  const DeformedModel model = apply_to_model(asked, each(sheared));
+  const double limit = 2 * asked.tolerance * model.diagonal;
+  EXPECT_LT(model.error, limit);
+  EXPECT_LT(model.gap, limit);
+  EXPECT_TRUE(model.coarse.empty());
+  const TopoDS_Shape deformed = read(asked.output);
+  EXPECT_TRUE(BRepCheck_Analyzer(deformed).IsValid());
+  EXPECT_EQ(faces_of(deformed).Extent(), faces_of(shape).Extent());
+  EXPECT_LT(distance_from(shape, deformed, sheared), limit);
+  EXPECT_NEAR(volume(deformed) / volume(shape), 1, 1e-6);
 }
+
+INSTANTIATE_TEST_SUITE_P(
+    Shapes, CadApplyTo, testing::Combine(testing::Values(0, 1, 2), testing::Values(".brep", ".step")), [](const auto& one) {
+      return std::string(std::array{"Block", "Torus", "Sphere"}[std::get<0>(one.param)]) + "_" + (std::get<1>(one.param) + 1);
+    });
 
 TEST_F(CadApply, TheReportedErrorIsThatOfTheFile) {
   ApplyRequest asked = request(block(), ".brep");
