@@ -27,8 +27,9 @@ RigidMotion best_similarity(const Eigen::Matrix3Xd& before, const Eigen::Matrix3
 bool is_analytic(const Handle(Geom_Surface) & surface);
 
 /// The surface of the type of `rest` nearest to places, in the sense of least squares, by Gauss-Newton from where the best rigid
-/// motion takes it. rest_places: where the places are on it, columns; at least three. Its axes lie so that (u, v) are near those
-/// of the same points before. largest: the largest distance of a place from it. Deterministic.
+/// motion takes it. rest_places: where the places are on it, columns; at least three. Its axes lie so that u, and v of a plane or
+/// sphere, are near those of the same points before; v of a cylinder or cone counts from the middle of the places. largest: the
+/// largest distance of a place from it. Deterministic.
 struct AnalyticFit {
   Handle(Geom_ElementarySurface) surface;
   double largest = 0;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "core/cad/cad_apply.h"
 
-#include <gmock/gmock-matchers.h>
+#include <gmock/gmock-more-matchers.h>
 #include <gtest/gtest.h>
 
 #include <BRepAdaptor_Curve.hxx>
@@ -44,6 +44,7 @@
 #include <XCAFDoc_DocumentTool.hxx>
 #include <XCAFDoc_ShapeTool.hxx>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
@@ -116,8 +117,9 @@ BRepAdaptor_Surface face_of(const TopoDS_Shape& shape, int number) {
 class CadApply : public testing::Test {
  protected:
   std::filesystem::path path(const std::string& name) {
-    const auto* test = testing::UnitTest::GetInstance()->current_test_info();
-    files_.push_back(std::filesystem::temp_directory_path() / ("deform_apply_" + std::string(test->name()) + "_" + name));
+    std::string test = testing::UnitTest::GetInstance()->current_test_info()->name();
+    std::replace(test.begin(), test.end(), '/', '_');
+    files_.push_back(std::filesystem::temp_directory_path() / ("deform_apply_" + test + "_" + name));
     return files_.back();
   }
   void TearDown() override {
@@ -188,24 +190,31 @@ class CadApply : public testing::Test {
   std::vector<std::filesystem::path> files_;
 };
 
-TEST_F(CadApply, TheFileLiesOnTheDeformedModelAndKeepsItsVolume) {
-  const std::vector<TopoDS_Shape> shapes{block(), BRepPrimAPI_MakeTorus(2, 0.5).Shape(), BRepPrimAPI_MakeSphere(1.5).Shape()};
-  for (std::size_t i = 0; i < shapes.size(); ++i) {
-    for (const char* extension : {".brep", ".step"}) {
-      const ApplyRequest asked = request(shapes[i], extension);
-      const DeformedModel model = apply_to_model(asked, each(sheared));
-      const double limit = 2 * asked.tolerance * model.diagonal;
-      EXPECT_LT(model.error, limit);
-      EXPECT_LT(model.gap, limit);
-      EXPECT_TRUE(model.coarse.empty());
-      const TopoDS_Shape deformed = read(asked.output);
-      EXPECT_TRUE(BRepCheck_Analyzer(deformed).IsValid());
-      EXPECT_EQ(faces_of(deformed).Extent(), faces_of(shapes[i]).Extent());
-      EXPECT_LT(distance_from(shapes[i], deformed, sheared), limit) << extension << i;
-      EXPECT_NEAR(volume(deformed) / volume(shapes[i]), 1, 1e-6) << extension << i;
-    }
-  }
+/// By the number of a shape, and the extension of the file.
+class CadApplyTo : public CadApply, public testing::WithParamInterface<std::tuple<int, const char*>> {};
+
+TEST_P(CadApplyTo, TheFileLiesOnTheDeformedModelAndKeepsItsVolume) {
+  const auto& [number, extension] = GetParam();
+  const TopoDS_Shape shape = number == 0   ? block()
+                             : number == 1 ? BRepPrimAPI_MakeTorus(2, 0.5).Shape()
+                                           : BRepPrimAPI_MakeSphere(1.5).Shape();
+  const ApplyRequest asked = request(shape, extension);
+  const DeformedModel model = apply_to_model(asked, each(sheared));
+  const double limit = 2 * asked.tolerance * model.diagonal;
+  EXPECT_LT(model.error, limit);
+  EXPECT_LT(model.gap, limit);
+  EXPECT_TRUE(model.coarse.empty());
+  const TopoDS_Shape deformed = read(asked.output);
+  EXPECT_TRUE(BRepCheck_Analyzer(deformed).IsValid());
+  EXPECT_EQ(faces_of(deformed).Extent(), faces_of(shape).Extent());
+  EXPECT_LT(distance_from(shape, deformed, sheared), limit);
+  EXPECT_NEAR(volume(deformed) / volume(shape), 1, 1e-6);
 }
+
+INSTANTIATE_TEST_SUITE_P(
+    Shapes, CadApplyTo, testing::Combine(testing::Values(0, 1, 2), testing::Values(".brep", ".step")), [](const auto& one) {
+      return std::string(std::array{"Block", "Torus", "Sphere"}[std::get<0>(one.param)]) + "_" + (std::get<1>(one.param) + 1);
+    });
 
 TEST_F(CadApply, TheReportedErrorIsThatOfTheFile) {
   ApplyRequest asked = request(block(), ".brep");
@@ -439,12 +448,18 @@ TEST_F(CadApply, AModelThatIsNotThatOfTheMeshIsRefused) {
   std::erase_if(half.boundary, [&](PointId id) { return half.rest[id][0] > 0; });
   ApplyRequest asked = request(block(), ".step");
   asked.tolerance = 1e-4;
-  for (const MeshMotion* mesh : {&inches, &elsewhere}) {
-    asked.mesh = mesh;
-    test::expect_error(ErrorCode::invalid_argument, {"is not the model of this mesh", "another unit needs --scale"},
-                       [&] { apply_to_model(asked, each(bent)); });
-    EXPECT_FALSE(std::filesystem::exists(asked.output));
+  for (const double scale : {1.0, 2.0}) {
+    asked.scale = scale;
+    for (const MeshMotion* mesh : {&inches, &elsewhere}) {
+      asked.mesh = mesh;
+      const std::string sizes = std::string("the model is ") + (scale == 1 ? "6" : "12") + " across, the boundary of the mesh " +
+                                (mesh == &inches ? "152.4" : "6") + ": another unit needs --scale";
+      test::expect_error(ErrorCode::invalid_argument, {"is not the model of this mesh", sizes.c_str()},
+                         [&] { apply_to_model(asked, each(bent)); });
+      EXPECT_FALSE(std::filesystem::exists(asked.output));
+    }
   }
+  asked.scale = 1;
   asked.mesh = &half;
   EXPECT_NO_THROW(apply_to_model(asked, each(bent))) << "half of a model is enough";
   asked.scale = 25.4;
@@ -706,6 +721,7 @@ TEST_F(CadApply, AKinkAlongAParameterIsFollowed) {
   asked.tolerance = 1e-4;
   const DeformedModel model = apply_to_model(asked, each(folded));
   EXPECT_LT(model.error, 2 * asked.tolerance * model.diagonal);
+  EXPECT_THAT(model.coarse, testing::IsEmpty());
   EXPECT_LT(model.faces[0].poles[0], 80) << "nodes only where the kink is";
   EXPECT_EQ(model.faces[0].poles[1], 4);
 }
@@ -718,6 +734,7 @@ TEST_F(CadApply, ABumpBetweenTheFirstNodesIsFound) {
   const DeformedModel model = apply_to_model(asked, each(bump));
   EXPECT_EQ(model.faces[0].became, Became::fitted);
   EXPECT_LT(model.error, 2 * asked.tolerance * model.diagonal);
+  EXPECT_THAT(model.coarse, testing::IsEmpty());
 }
 
 TEST_F(CadApply, NamesColoursAndTheUnitAreKept) {

@@ -106,8 +106,10 @@ TEST_F(CadMarks, AColourTellsTwoEqualBoresApart) {
   }
 }
 
-TEST_F(CadMarks, IgesFilesHaveNamesAndColoursToo) {
-  const auto iges = [&](const TopoDS_Shape& shape, const Vec3& at, const std::string& name, const std::string& file) {
+class IgesMarks : public CadMarks {
+ protected:
+  /// A file in which the face at a place has a name, or the colour red where that is empty, and the others are called "other".
+  std::filesystem::path iges(const TopoDS_Shape& shape, const Vec3& at, const std::string& name, const std::string& file) {
     const OpenDocument open;
     const std::vector<TopoDS_Face> faces = faces_of(shape);
     for (int f = 0; f < static_cast<int>(faces.size()); ++f) {
@@ -131,7 +133,30 @@ TEST_F(CadMarks, IgesFilesHaveNamesAndColoursToo) {
     const auto written = path(file);
     EXPECT_TRUE(writer.Write(written.c_str()));
     return written;
-  };
+  }
+};
+
+TEST_F(IgesMarks, FacesAreReadWithTheirNamesAndColours) {
+  const TopoDS_Shape shape = block({0, 0, 0}, {4, 3, 2});
+  for (const std::string name : {"", "oil"}) {
+    const Model model = read_model(iges(shape, {2, 3, 1}, name, "block.igs"), 1);
+    ASSERT_EQ(model.face_count(), 6);
+    const int marked = face_at(model.shape, {2, 3, 1});
+    ASSERT_GE(marked, 0);
+    for (int f = 0; f < 6; ++f) {
+      if (name.empty()) {
+        ASSERT_EQ(model.face_colours.size(), 6u);
+        EXPECT_EQ(model.face_colours[f].has_value(), f == marked);
+      } else {
+        ASSERT_EQ(model.face_names.size(), 6u);
+        EXPECT_EQ(model.face_names[f], f == marked ? "oil" : "other");
+        EXPECT_TRUE(model.face_colours.empty());
+      }
+    }
+  }
+}
+
+TEST_F(IgesMarks, FacesAreCarriedByTheirNamesAndColours) {
   const TopoDS_Shape before = two_bores({1, 0, 0}), after = two_bores({0, 1, 0});
   const Mesh mesh = mesh_of(before, 0.1);
   for (const std::string name : {"", "oil"}) {

@@ -18,6 +18,7 @@
 #include <BRepPrimAPI_MakeCylinder.hxx>
 #include <BRepPrimAPI_MakePrism.hxx>
 #include <BRepTools.hxx>
+#include <BRep_Builder.hxx>
 #include <Geom_BSplineSurface.hxx>
 #include <TColStd_Array1OfInteger.hxx>
 #include <TColStd_Array1OfReal.hxx>
@@ -25,15 +26,18 @@
 #include <TopExp.hxx>
 #include <TopTools_IndexedMapOfShape.hxx>
 #include <TopoDS.hxx>
+#include <TopoDS_Shell.hxx>
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <functional>
 #include <gp_Circ.hxx>
+#include <memory>
 #include <numbers>
 
 #include "core/base/error.h"
 #include "core/base/vectors.h"
+#include "core/mesh/elements.h"
 
 namespace deform::cad::cad_move_test {
 namespace {
@@ -127,6 +131,31 @@ TEST_F(CadMove, ABoxBecomesAnotherByAnAffineMap) {
   EXPECT_EQ(triangles, 6u * 36 * 2);
 }
 
+TEST_F(CadMove, FacesInsideOfAVolumeMeshLieOnNoFaceOfTheModel) {
+  // Eight hexahedra in a cube, whose middle layer of nodes is slanted; the faces are those at the bottom and two of that layer,
+  // of which every triangle has the node in the middle.
+  Mesh mesh;
+  for (const int k : {0, 1, 2}) {
+    add_grid(mesh, 2, [&](double a, double b) {
+      return Vec3{2 * a, 2 * b, k + (k == 1 ? 0.3 * (a - 0.5) + 0.5 * (b - 0.5) : 0)};
+    });
+  }
+  mesh.face_points.resize(4 * 4);
+  for (const PointId q : {9, 10, 13, 12, 13, 14, 17, 16}) mesh.face_points.push_back(q);
+  mesh.face_sizes.resize(6);
+  auto elements = std::make_shared<Elements>();
+  for (const PointId p : {0, 1, 3, 4, 9, 10, 12, 13}) {
+    elements->add(ElementType::hexahedron, std::vector<PointId>{p, p + 1, p + 4, p + 3, p + 9, p + 10, p + 13, p + 12});
+  }
+  mesh.elements = elements;
+  const CarriedNodes carried = carry(box(2, 2, 2), box(3, 2, 2), mesh);
+  EXPECT_EQ(carried.nodes.size(), 26u) << "all but the one in the middle";
+  std::size_t triangles = 0;
+  for (const FaceOutcome& face : carried.faces) triangles += face.triangles;
+  EXPECT_EQ(triangles, 2 * 4u) << "those at the bottom";
+  EXPECT_EQ(carried.flipped(), 0u);
+}
+
 TEST_F(CadMove, NodesKeepTheirBitsWhereTheModelStays) {
   const Mesh mesh = box_mesh(1, 2, 3, 6);
   EXPECT_EQ(carry(box(1, 2, 3), box(1, 2, 3), mesh).places, mesh.points);
@@ -192,14 +221,24 @@ TEST_F(CadMove, AnArcHoldsNoNodesBeyondItsEnd) {
   }
 }
 
-/// A part of a disc with a hole, of the unit thickness, from angle 0 on.
-TopoDS_Shape sector(double inner, double outer, double angle) {
+/// A part of a disc with a hole, from angle 0 on.
+TopoDS_Face sector(double inner, double outer, double angle) {
   const auto at = [](double radius, double turn) { return gp_Pnt(radius * std::cos(turn), radius * std::sin(turn), 0); };
   BRepBuilderAPI_MakeWire wire(BRepBuilderAPI_MakeEdge(gp_Circ(gp::XOY(), outer), 0, angle).Edge());
   wire.Add(BRepBuilderAPI_MakeEdge(at(outer, angle), at(inner, angle)).Edge());
   wire.Add(BRepBuilderAPI_MakeEdge(gp_Circ(gp::XOY(), inner), 0, angle).Edge());
   wire.Add(BRepBuilderAPI_MakeEdge(at(outer, 0), at(inner, 0)).Edge());
-  return BRepPrimAPI_MakePrism(BRepBuilderAPI_MakeFace(wire.Wire()).Face(), gp_Vec(0, 0, 1)).Shape();
+  return BRepBuilderAPI_MakeFace(wire.Wire()).Face();
+}
+/// A prism on it with its faces from the one with this number on.
+TopoDS_Shape thick(const TopoDS_Face& face, int first) {
+  TopTools_IndexedMapOfShape faces;
+  TopExp::MapShapes(BRepPrimAPI_MakePrism(face, gp_Vec(0, 0, 1)).Shape(), TopAbs_FACE, faces);
+  TopoDS_Shell shell;
+  const BRep_Builder builder;
+  builder.MakeShell(shell);
+  for (int k = 0; k < faces.Extent(); ++k) builder.Add(shell, faces((first - 1 + k) % faces.Extent() + 1));
+  return BRepBuilderAPI_MakeSolid(shell).Solid();
 }
 
 TEST_F(CadMove, ThinFacesHoldTheirNodes) {
@@ -212,12 +251,16 @@ TEST_F(CadMove, ThinFacesHoldTheirNodes) {
     }
     mesh.face_sizes.push_back(3);
   }
-  const CarriedNodes carried = carry(sector(1, 1.008, 2.1), sector(1.3, 1.307, 1.5), mesh);
-  for (const FaceOutcome& face : carried.faces) EXPECT_EQ(face.warp_outside, 0u);
-  for (std::size_t i = 0; i < carried.nodes.size(); ++i) {
-    const Vec3& p = carried.places[i];
-    const double share = (length(mesh.points[i]) - 1) / 0.008;
-    EXPECT_NEAR((std::hypot(p[0], p[1]) - 1.3) / 0.007, share, 0.05) << i;
+  // Whichever of the faces the thin ones are, the first and the last, too.
+  const TopoDS_Face before = sector(1, 1.008, 2.1), after = sector(1.3, 1.307, 1.5);
+  for (int first = 1; first <= 6; ++first) {
+    const CarriedNodes carried = carry(thick(before, first), thick(after, first), mesh);
+    for (const FaceOutcome& face : carried.faces) EXPECT_EQ(face.warp_outside, 0u);
+    for (std::size_t i = 0; i < carried.nodes.size(); ++i) {
+      const Vec3& p = carried.places[i];
+      const double share = (length(mesh.points[i]) - 1) / 0.008;
+      EXPECT_NEAR((std::hypot(p[0], p[1]) - 1.3) / 0.007, share, 0.05) << i;
+    }
   }
 }
 

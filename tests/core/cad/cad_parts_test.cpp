@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Parts of core/cad by themselves: what read_document() finds in a STEP file, models with merged faces, regions of faces, faces
-// that cross, surfaces that fit places, and what is said of shapes that are not valid.
+// that cross, surfaces that fit places, nodes that slide, marks of faces, and what is said of shapes that are not valid.
 #include <gmock/gmock-more-matchers.h>
 #include <gtest/gtest.h>
 
@@ -11,6 +11,7 @@
 #include <BRepGProp.hxx>
 #include <BRepPrimAPI_MakeBox.hxx>
 #include <BRepPrimAPI_MakeCylinder.hxx>
+#include <BRepTools.hxx>
 #include <BRepTopAdaptor_FClass2d.hxx>
 #include <BRep_Builder.hxx>
 #include <GProp_GProps.hxx>
@@ -44,21 +45,29 @@
 #include <filesystem>
 #include <gp_Pln.hxx>
 #include <map>
+#include <memory>
+#include <optional>
 #include <random>
 #include <set>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "core/base/error.h"
+#include "core/base/vectors.h"
 #include "core/cad/analytic_fit.h"
+#include "core/cad/boundary_triangles.h"
 #include "core/cad/crossing_faces.h"
 #include "core/cad/deformed_shape.h"
 #include "core/cad/document.h"
+#include "core/cad/face_marks.h"
 #include "core/cad/face_mending.h"
 #include "core/cad/face_region.h"
 #include "core/cad/model.h"
 #include "core/cad/spline_axis.h"
 #include "core/cad/thin_plate.h"
+#include "core/mesh/elements.h"
+#include "core/mesh/mesh.h"
 
 namespace deform::cad::cad_parts_test {
 namespace {
@@ -200,6 +209,7 @@ TEST(CadModel, PlacesOfOnePartHaveColoursOfTheirOwn) {
   std::filesystem::remove(path);
   std::filesystem::remove(again);
 }
+
 TEST(CadModel, MergedFacesStayInTheUnitOfTheFile) {
   const TopoDS_Shape halves =
       BRepAlgoAPI_Fuse(BRepPrimAPI_MakeBox(1, 2, 3).Shape(), BRepPrimAPI_MakeBox(gp_Pnt(1, 0, 0), 1, 2, 3).Shape()).Shape();
@@ -212,6 +222,32 @@ TEST(CadModel, MergedFacesStayInTheUnitOfTheFile) {
   EXPECT_EQ(merged.name, "halves.step");
   EXPECT_THAT(merged.notes,
               testing::ElementsAre(HasSubstr("is in inch."), HasSubstr("10 faces and 20 edges were merged to 6 and 12")));
+}
+
+TEST(CadModel, WhatIsNotValidIsHealedAndSaidToBe) {
+  const std::filesystem::path path = std::filesystem::temp_directory_path() / "deform_parts_WhatIsNotValid.brep";
+  const auto sheet = [](const std::array<gp_Pnt, 4>& rim) {
+    const TopoDS_Wire wire = BRepBuilderAPI_MakePolygon(rim[0], rim[1], rim[2], rim[3], true).Wire();
+    return BRepBuilderAPI_MakeFace(gp_Pln(gp::Origin(), gp::DZ()), wire, true).Face();
+  };
+  const auto square = [&](double low, double high) {
+    return sheet({gp_Pnt(low, low, 0), gp_Pnt(high, low, 0), gp_Pnt(high, high, 0), gp_Pnt(low, high, 0)});
+  };
+  // A hole that runs round as the rim does.
+  TopoDS_Face turned = square(0, 3);
+  BRep_Builder().Add(turned, TopExp_Explorer(square(1, 2), TopAbs_WIRE).Current());
+  TopoDS_Edge bare;  // without a curve
+  BRep_Builder().MakeEdge(bare);
+  const auto notes = [&](const TopoDS_Shape& shape) {
+    BRepTools::Write(shape, path.c_str());
+    std::string all;
+    for (const std::string& note : read_model(path, 1).notes) all += note + "\n";
+    return all;
+  };
+  EXPECT_THAT(notes(square(0, 3)), testing::Not(HasSubstr("not valid")));
+  EXPECT_THAT(notes(turned), HasSubstr(path.string() + " is not valid; it was healed."));
+  EXPECT_THAT(notes(together(square(0, 3), bare)), HasSubstr(path.string() + " is not valid; healing did not mend all of it."));
+  std::filesystem::remove(path);
 }
 
 /// Counts what the libraries have to say.
@@ -342,6 +378,23 @@ TEST(CadFaults, AllShapesAreLookedAt) {
   const TopoDS_Shape crossed = sheet({gp_Pnt(3, 0, 0), gp_Pnt(4, 1, 0), gp_Pnt(4, 0, 0), gp_Pnt(3, 1, 0)});
   EXPECT_THAT(faults_of(together(sound, crossed)), HasSubstr("loop 2 on face 2: "));
   EXPECT_THAT(faults_of(together(crossed, sound)), HasSubstr("loop 1 on face 1: "));
+  // Edges without a curve are wrong by themselves, and the first few are named.
+  const auto bare = [](int edges) {
+    const BRep_Builder builder;
+    TopoDS_Compound all;
+    builder.MakeCompound(all);
+    for (int k = 0; k < edges; ++k) {
+      TopoDS_Edge edge;
+      builder.MakeEdge(edge);
+      builder.Add(all, edge);
+    }
+    return together(BRepPrimAPI_MakeBox(1, 2, 3).Shape(), all);
+  };
+  const std::string first = "edge 13: BRepCheck_No3DCurve; edge 13: BRepCheck_CheckFail";
+  const std::string second = "; edge 14: BRepCheck_No3DCurve; edge 14: BRepCheck_CheckFail";
+  EXPECT_EQ(faults_of(bare(1)), first);
+  EXPECT_EQ(faults_of(bare(2)), first + second);
+  EXPECT_EQ(faults_of(bare(3)), first + second + "; and 2 more");
 }
 
 TEST(ThinPlate, InterpolatesReproducesPlanesAndHasItsGradient) {
@@ -379,6 +432,182 @@ TEST(Distortion, IsThatOfTheStretches) {
   EXPECT_NEAR(distortion(stretched({4, 2}, {2, 4})), 0.25, 1e-14);                                     // s = 2
   EXPECT_NEAR(distortion(stretched({1, 1}, {2, 2})), (0.4 + 2.5) / 4 + (1.6 + 0.625) / 4 - 1, 1e-14);  // areas 1 and 4, mean 2.5
   EXPECT_TRUE(std::isinf(distortion(stretched({1, 1}, {2, 0}))));
+}
+
+/// A hexagon of equilateral triangles with two inner rings of nodes around its middle, laid onto a surface by its (u, v).
+FacePatch hexagon(const Handle(Geom_Surface) & surface, const std::array<double, 2>& uv_per_length) {
+  FacePatch patch;
+  std::map<std::array<int, 2>, int> number;
+  for (int j = -3; j <= 3; ++j) {
+    for (int i = -3; i <= 3; ++i) {
+      if (std::abs(i + j) > 3) continue;
+      number[{i, j}] = static_cast<int>(patch.nodes.size());
+      const Parameters uv{(i + 0.5 * j) * uv_per_length[0], std::sqrt(0.75) * j * uv_per_length[1]};
+      const gp_Pnt p = surface->Value(uv[0], uv[1]);
+      const bool inner = std::max({std::abs(i), std::abs(j), std::abs(i + j)}) < 3;
+      patch.nodes.push_back({{p.X(), p.Y(), p.Z()}, uv, inner});
+    }
+  }
+  const auto add = [&](const std::array<int, 2>& a, const std::array<int, 2>& b, const std::array<int, 2>& c) {
+    if (number.count(a) == 0 || number.count(b) == 0 || number.count(c) == 0) return;
+    const std::array<int, 3> nodes{number[a], number[b], number[c]};
+    patch.triangles.push_back({nodes, {patch.nodes[nodes[0]].place, patch.nodes[nodes[1]].place, patch.nodes[nodes[2]].place}});
+  };
+  for (int j = -3; j <= 3; ++j) {
+    for (int i = -3; i <= 3; ++i) {
+      add({i, j}, {i + 1, j}, {i, j + 1});
+      add({i - 1, j}, {i, j - 1}, {i, j});
+    }
+  }
+  patch.box = {-10, 10, -10, 10};
+  return patch;
+}
+
+void put(FacePatch::Node& node, const Handle(Geom_Surface) & surface, const Parameters& uv) {
+  const gp_Pnt p = surface->Value(uv[0], uv[1]);
+  node.uv = uv;
+  node.place = {p.X(), p.Y(), p.Z()};
+}
+
+TEST(FaceMending, NodesSlideBackToWhereForcesAreInBalance) {
+  const gp_Ax3 frame(gp_Pnt(1, 2, 3), gp_Dir(1, 2, 2), gp_Dir(2, -2, 1));
+  const double radius = 5;
+  const std::vector<std::pair<Handle(Geom_Surface), std::array<double, 2>>> cases{
+      {Handle(Geom_Surface)(new Geom_Plane(frame)), {1, 1}},
+      {Handle(Geom_Surface)(new Geom_CylindricalSurface(frame, radius)), {1 / radius, 1}}};
+  for (const auto& [surface, per_length] : cases) {
+    for (const double stretch : {1.0, 1.4}) {
+      SCOPED_TRACE(surface->DynamicType()->Name() + std::string(", stretched by ") + std::to_string(stretch));
+      // All triangles are stretched alike where the rim is, which balances the forces at each node.
+      FacePatch rest = hexagon(surface, {per_length[0], stretch * per_length[1]});
+      const FacePatch shapes = hexagon(surface, per_length);
+      for (std::size_t t = 0; t < rest.triangles.size(); ++t) rest.triangles[t].shape = shapes.triangles[t].shape;
+      ASSERT_EQ(rest.nodes.size(), 37u);
+      ASSERT_EQ(rest.triangles.size(), 54u);
+      EXPECT_THAT(flipped_triangles(surface, rest), testing::IsEmpty());
+      FacePatch patch = rest;
+      std::mt19937 engine(4);
+      std::uniform_real_distribution<double> share(-1, 1);
+      std::vector<std::size_t> inner;
+      for (std::size_t i = 0; i < patch.nodes.size(); ++i) {
+        if (!patch.nodes[i].inner) continue;
+        inner.push_back(i);
+        const Parameters& uv = rest.nodes[i].uv;
+        put(patch.nodes[i], surface, {uv[0] + share(engine) * per_length[0], uv[1] + share(engine) * per_length[1]});
+      }
+      for (FacePatch::Triangle& triangle : patch.triangles) {
+        for (Vec3& corner : triangle.shape) corner = 3 * corner;  // shapes count, not sizes
+      }
+      const std::vector<std::size_t> flipped = flipped_triangles(surface, patch);
+      EXPECT_GT(flipped.size(), 5u);
+      slide_inner_nodes(surface, patch, flipped, inner, 0, {});
+      EXPECT_THAT(flipped_triangles(surface, patch), testing::IsEmpty());
+      for (std::size_t i = 0; i < patch.nodes.size(); ++i) {
+        const FacePatch::Node &now = patch.nodes[i], &before = rest.nodes[i];
+        if (!now.inner) {
+          EXPECT_EQ(now.place, before.place);
+          EXPECT_EQ(now.uv, before.uv);
+        }
+        EXPECT_LT(norm(now.place - before.place), 5e-3) << i;
+        const gp_Pnt p = surface->Value(now.uv[0], now.uv[1]);
+        EXPECT_LT(norm(now.place - Vec3{p.X(), p.Y(), p.Z()}), 1e-14);
+      }
+    }
+  }
+}
+
+TEST(FaceMending, OnlyTheRingsAroundTheTrianglesAndNodesSlide) {
+  const Handle(Geom_Surface) plane = new Geom_Plane(gp::XOY());
+  const FacePatch rest = hexagon(plane, {1, 1});
+  const auto is_middle = [](const FacePatch::Node& node) { return std::hypot(node.uv[0], node.uv[1]) < 0.1; };
+  const auto middle =
+      static_cast<std::size_t>(std::find_if(rest.nodes.begin(), rest.nodes.end(), is_middle) - rest.nodes.begin());
+  FacePatch crossed = rest;
+  put(crossed.nodes[middle], plane, {1.2, 0.3});  // beyond its neighbours
+  const std::vector<std::size_t> flipped = flipped_triangles(plane, crossed);
+  ASSERT_FALSE(flipped.empty());
+  const auto moved = [&](const std::vector<std::size_t>& triangles, const std::vector<std::size_t>& nodes, std::size_t rings,
+                         const std::array<double, 4>& box) {
+    FacePatch patch = crossed;
+    patch.box = box;
+    slide_inner_nodes(plane, patch, triangles, nodes, rings, {});
+    int count = 0;
+    for (std::size_t i = 0; i < patch.nodes.size(); ++i) count += patch.nodes[i].place == crossed.nodes[i].place ? 0 : 1;
+    for (const FacePatch::Node& node : patch.nodes) {
+      if (node.inner) EXPECT_LE(std::abs(node.uv[0]), box[1]);
+    }
+    return std::pair(count, norm(patch.nodes[middle].place));
+  };
+  const std::array<double, 4> wide{-10, 10, -10, 10};
+  EXPECT_EQ(moved({}, {}, 3, wide).first, 0);
+  const auto alone = moved({}, {middle}, 0, wide);
+  EXPECT_EQ(alone.first, 1);
+  EXPECT_LT(alone.second, 1e-3);
+  EXPECT_EQ(moved({}, {middle}, 1, wide).first, 7);
+  EXPECT_EQ(moved({}, {middle}, 2, wide).first, 19);
+  EXPECT_EQ(moved({}, {middle}, 9, wide).first, 19) << "no other nodes are inner ones";
+  std::set<int> corners;
+  for (const std::size_t t : flipped) corners.insert(rest.triangles[t].nodes.begin(), rest.triangles[t].nodes.end());
+  EXPECT_EQ(moved(flipped, {}, 0, wide).first, static_cast<int>(corners.size()));
+  // A box that ends before the middle.
+  EXPECT_NEAR(moved({}, {middle}, 0, {0.2, 10, -10, 10}).second, 0.2, 1e-3);
+}
+
+TEST(FaceMarks, OnlyNamesThatOneFaceHasTellFacesApart) {
+  Model before, after;
+  before.face_names = {"roof", "side", "", "side", "NONE", "door", "window"};
+  after.face_names = {"", "window", "roof", "door", "NONE", "door", "side"};
+  // Both models have one roof and one window; of doors and sides one of them has two.
+  EXPECT_THAT(common_names(before, after), testing::UnorderedElementsAre(std::array{0, 2}, std::array{6, 1}));
+  EXPECT_THAT(common_names(after, before), testing::UnorderedElementsAre(std::array{2, 0}, std::array{1, 6}));
+  EXPECT_THAT(common_names(before, Model()), testing::IsEmpty());
+}
+
+TEST(FaceMarks, ColoursThatDifferByRoundingAreOne) {
+  const FaceColour red{1, 0, 0, 1}, almost{1, 0.009, 0, 0.995}, pink{1, 0.011, 0, 1}, glass{1, 0, 0, 0.5};
+  Model before, after;
+  EXPECT_THAT(numbered_colours(before, after).first, testing::IsEmpty());
+  before.face_colours = {red, std::nullopt, glass, almost};
+  EXPECT_THAT(numbered_colours(before, after).first, testing::IsEmpty()) << "both need colours";
+  after.face_colours = {pink, almost, std::nullopt, glass, pink};
+  const auto [old, now] = numbered_colours(before, after);
+  EXPECT_THAT(old, testing::ElementsAre(0, unpainted, 1, 0));
+  EXPECT_THAT(now, testing::ElementsAre(2, 0, unpainted, 1, 2));
+}
+
+TEST(BoundaryTriangles, AreFansAndTheCornersOfQuadraticFaces) {
+  Mesh mesh;
+  mesh.points.resize(15);
+  const std::vector<std::vector<PointId>> faces{{0, 1},          {2, 1, 0},          {3, 4, 5, 6},
+                                                {0, 1, 2, 3, 4}, {0, 5, 1, 6, 2, 7}, {0, 1, 2, 3, 5, 6}};
+  for (const auto& face : faces) {
+    mesh.face_sizes.push_back(static_cast<std::uint32_t>(face.size()));
+    mesh.face_points.insert(mesh.face_points.end(), face.begin(), face.end());
+  }
+  using Triangle = std::array<PointId, 3>;
+  const std::vector<Triangle> fans{{2, 1, 0}, {3, 4, 5}, {3, 5, 6}, {0, 1, 2}, {0, 2, 3}, {0, 3, 4}};
+  std::vector<Triangle> linear = fans;
+  for (const Triangle& one : {Triangle{0, 5, 1}, Triangle{0, 1, 6}, Triangle{0, 6, 2}, Triangle{0, 2, 7}}) linear.push_back(one);
+  for (const Triangle& one : {Triangle{0, 1, 2}, Triangle{0, 2, 3}, Triangle{0, 3, 5}, Triangle{0, 5, 6}}) linear.push_back(one);
+  EXPECT_EQ(boundary_triangles(mesh), linear);
+  // The same faces beside a linear tetrahedron, and on a quadratic one of which 5 to 10 are in the middle of edges.
+  auto elements = std::make_shared<Elements>();
+  elements->add(ElementType::tetrahedron, std::vector<PointId>{11, 12, 13, 14});
+  mesh.elements = elements;
+  EXPECT_EQ(boundary_triangles(mesh), linear);
+  elements->add(ElementType::tetrahedron10, std::vector<PointId>{0, 1, 2, 3, 5, 6, 7, 8, 9, 10});
+  std::vector<Triangle> quadratic = fans;
+  for (const Triangle& one : {Triangle{7, 0, 5}, Triangle{5, 1, 6}, Triangle{6, 2, 7}, Triangle{5, 6, 7}})
+    quadratic.push_back(one);
+  // In the last face two nodes that are in the middle of edges follow each other.
+  for (const Triangle& one : {Triangle{0, 1, 2}, Triangle{0, 2, 3}, Triangle{0, 3, 5}, Triangle{0, 5, 6}})
+    quadratic.push_back(one);
+  EXPECT_EQ(boundary_triangles(mesh), quadratic);
+  // A quadratic quadrangle: its corners, and the middle as two triangles.
+  mesh.face_sizes = {8};
+  mesh.face_points = {0, 5, 1, 6, 2, 7, 3, 8};
+  const std::vector<Triangle> corners{{8, 0, 5}, {5, 1, 6}, {6, 2, 7}, {7, 3, 8}, {5, 6, 7}, {5, 7, 8}};
+  EXPECT_EQ(boundary_triangles(mesh), corners);
 }
 
 TEST(FaceRegion, CurvesThatMeetOnlyAlmostAreJoined) {
@@ -448,6 +677,61 @@ TEST(SplineAxis, ReproducesCubicsAndHasCornersAtItsBreaks) {
   int sum = 0;
   for (const int m : axis.multiplicities()) sum += m;
   EXPECT_EQ(sum, nodes + 4);
+}
+
+TEST(SplineAxis, IsHalvedWithinItsLimits) {
+  SplineAxis axis({0, 1, 3});
+  EXPECT_THAT(axis.nodes(), testing::ElementsAre(0, 1 / 3.0, 2 / 3.0, 1, 1 + 2 / 3.0, 1 + 4 / 3.0, 3));
+  EXPECT_EQ(axis.interval_of(-1), 0);
+  EXPECT_EQ(axis.interval_of(0.5), 1);
+  EXPECT_EQ(axis.interval_of(1), 3) << "a node is the start of the next interval";
+  EXPECT_EQ(axis.interval_of(3), 5);
+  EXPECT_EQ(axis.interval_of(4), 5);
+  // At the end of the first stretch, as often as it goes: intervals of it grow away from there, the other stretch stays.
+  int halved = 0;
+  while (axis.halve({axis.interval_of(1 - 1e-9)})) ASSERT_LT(++halved, 20);
+  EXPECT_EQ(halved, 11) << "1/3 / 2^10 is the last length over 1/4000";
+  const std::vector<double> nodes = axis.nodes();
+  const auto joint = std::find(nodes.begin(), nodes.end(), 1.0) - nodes.begin();
+  EXPECT_EQ(static_cast<int>(nodes.size()) - joint, 4);
+  EXPECT_NEAR(nodes[joint] - nodes[joint - 1], 1 / 3.0 / 2048, 1e-12);
+  for (int k = 1; k < joint; ++k) {
+    const double ratio = (nodes[k] - nodes[k - 1]) / (nodes[k + 1] - nodes[k]);
+    EXPECT_LT(ratio, 2.001);
+    EXPECT_GT(ratio, 0.999);
+  }
+  // Up to 250 nodes, else all stay.
+  std::vector<double> breaks;
+  for (int k = 0; k <= 82; ++k) breaks.push_back(k);
+  SplineAxis many(breaks);
+  ASSERT_EQ(many.nodes().size(), 247u);
+  EXPECT_FALSE(many.halve({0, 5, 10, 15}));
+  EXPECT_EQ(many.nodes().size(), 247u);
+  EXPECT_TRUE(many.halve({0, 5, 10}));
+  EXPECT_EQ(many.nodes().size(), 250u);
+}
+
+TEST(SplineAxis, ChecksLieBetweenTheNodesAndMayBecomeThem) {
+  SplineAxis axis({-0.1, 0.7, 5});
+  axis.halve({0, 4});
+  for (const double spacing : {10.0, 0.3, 0.05}) {
+    const std::vector<double> checks = axis.checks(spacing);
+    std::vector<double> all = axis.nodes();
+    all.insert(all.end(), checks.begin(), checks.end());
+    std::sort(all.begin(), all.end());
+    EXPECT_EQ(std::adjacent_find(all.begin(), all.end()), all.end()) << "no node is one of them";
+    EXPECT_TRUE(std::is_sorted(checks.begin(), checks.end()));
+    if (spacing == 10) EXPECT_EQ(checks.size(), axis.nodes().size() - 1) << "the middles";
+    double widest = 0;
+    for (std::size_t i = 1; i < all.size(); ++i) widest = std::max(widest, all[i] - all[i - 1]);
+    EXPECT_LE(widest, spacing);
+    if (spacing < 1) EXPECT_GT(widest, spacing / 2) << "not many more than needed";
+    SplineAxis finer = axis;
+    std::set<int> each;
+    for (int k = 0; k + 1 < static_cast<int>(axis.nodes().size()); ++k) each.insert(k);
+    ASSERT_TRUE(finer.halve(each));
+    for (const double t : finer.nodes()) EXPECT_TRUE(std::binary_search(all.begin(), all.end(), t)) << t;
+  }
 }
 
 }  // namespace

@@ -8,6 +8,7 @@
 #include <numbers>
 #include <random>
 
+#include "core/base/number_text.h"
 #include "core/base/vectors.h"
 #include "core/deformers/energy/spaces/lattice_space.h"
 #include "core/deformers/energy/spaces/model_lattice.h"
@@ -359,6 +360,9 @@ TEST(ClampedInverse, IsThePseudoInverse) {
         const ClampedInverse::Bytes bytes = ClampedInverse::estimate(*made.rows, held);
         EXPECT_GE(bytes.resident, inverse.bytes());
         EXPECT_EQ(bytes.functions, inverse.functions());
+        const Eigen::Index rank = (dense.svd.values.array() > clamp * dense.svd.values[0]).count();
+        const double condition = dense.svd.values[0] / dense.svd.values[rank - 1];
+        EXPECT_NEAR(inverse.condition(), condition, 1e-6 * condition);
       }
     }
   }
@@ -590,6 +594,23 @@ TEST(DampedInverse, IsTheDampedSolution) {
     test::expect_error(ErrorCode::invalid_argument, {"method.ffd.clamp", "1e-07", "1e-06"}, [&] {
       DampedInverse(*made.rows, held, {1e-7, {}, {}}, {});
     });
+  }
+}
+
+TEST(DampedInverse, SaysItsDampingAndItsCondition) {
+  const Mesh mesh = test::bumpy_sheet(15, 8);
+  LatticeOptions lattice;
+  lattice.points = {4, 4, 4};
+  const ModelLattice made = model_lattice(mesh, lattice, std::vector<RegionIndex>(mesh.point_count(), 0), {});
+  std::vector<PointId> held(mesh.point_count());
+  for (PointId id = 0; id < held.size(); ++id) held[id] = id;
+  for (const double damping : {0.03, 1e-4}) {
+    const DampedInverse inverse(*made.rows, held, {damping, {}, {}}, {});
+    EXPECT_EQ(inverse.damping(), damping);
+    EXPECT_DOUBLE_EQ(inverse.condition(), 1 / damping);
+    EXPECT_NE(inverse.note().find("damped with " + number_digits(damping) + " of the largest singular value, because 64 of them"),
+              std::string::npos)
+        << inverse.note();
   }
 }
 

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <utility>
 
 #include "core/deformers/system.h"
 #include "tests/core/deformers/shapes.h"
@@ -190,6 +191,22 @@ TEST(FindProblems, FindsVariablesThatLeadOutOfSymmetryPlanes) {
   setup.variables.resize(2);
   EXPECT_THAT(fields(found_in(setup)), ElementsAre("variables[1]"));
   EXPECT_THAT(found_in(setup)[0].message, HasSubstr("control point 24 "));
+  // Where a plane is wrong the control points are not known, which is no fault of the handles.
+  setup.symmetry.push_back({SymmetryPlane::Plane{{0, 0, 0}, {0, 0, 0}}});
+  setup.variables.resize(1);
+  EXPECT_THAT(fields(found_in(setup)), ElementsAre("symmetry"));
+}
+
+TEST(FindProblems, ANameThatIsUsedTwiceGetsTheNextFreeNumber) {
+  deform::Setup setup = good();
+  const Region region = setup.handles[0].region;
+  setup.handles.push_back({"end", region});
+  setup.handles.push_back({"end_2", region});
+  EXPECT_THAT(found_in(setup).at(0).message, HasSubstr("handles[1].name: \"end\" is used twice")) << "named as it stands";
+  EXPECT_THAT(found_in(setup).at(0).message, HasSubstr("for instance \"end_2\""));
+  std::swap(setup.handles[1], setup.handles[2]);
+  EXPECT_THAT(found_in(setup).at(0).message, HasSubstr("handles[2].name: \"end\" is used twice"));
+  EXPECT_THAT(found_in(setup).at(0).message, HasSubstr("for instance \"end_3\""));
 }
 
 /// No points of constraints are selected then, so that nothing can be said about their shapes.
