@@ -41,7 +41,7 @@
 #include "core/cad/edge_map.h"
 #include "core/cad/spline_fit.h"
 
-namespace deform::cad {
+namespace deform::cad::cad_fits_test {
 namespace {
 
 constexpr double pi = std::numbers::pi;
@@ -379,4 +379,4 @@ TEST(CurveOnSurface, RunsWhereTheCurveDoes) {
 }
 
 }  // namespace
-}  // namespace deform::cad
+}  // namespace deform::cad::cad_fits_test
