@@ -12,7 +12,7 @@ namespace deform {
 
 namespace {
 
-constexpr std::uint32_t none = std::numeric_limits<std::uint32_t>::max();
+constexpr std::uint32_t no_owner = std::numeric_limits<std::uint32_t>::max();
 
 struct KeyHash {
   std::size_t operator()(const std::vector<PointId>& key) const {
@@ -52,7 +52,7 @@ std::vector<BoundaryOwner> boundary_owners(const Mesh& boundary, const Elements&
     ids.emplace(face_key(corners), static_cast<FaceId>(f));
     corner += corners.size();
   }
-  std::vector<BoundaryOwner> owners(boundary.face_count(), {none, 0});
+  std::vector<BoundaryOwner> owners(boundary.face_count(), {no_owner, 0});
   SideFaces faces;
   for (std::size_t e = 0; e < elements.size(); ++e) {
     const ElementShape& form = shape(elements.types[e]);
@@ -70,7 +70,7 @@ std::vector<BoundaryOwner> boundary_owners(const Mesh& boundary, const Elements&
     }
   }
   for (std::size_t f = 0; f < owners.size(); ++f) {
-    if (owners[f].cell != none) continue;
+    if (owners[f].cell != no_owner) continue;
     throw Error(ErrorCode::invalid_argument, "faces[" + std::to_string(f) + "]: it belongs to no element");
   }
   return owners;

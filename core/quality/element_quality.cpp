@@ -9,6 +9,7 @@
 #include "core/base/error.h"
 #include "core/base/parallel.h"
 #include "core/base/vectors.h"
+#include "core/quality/infinity.h"
 #include "core/quality/moving_cells.h"
 #include "core/quality/quadratic_map.h"
 
@@ -16,9 +17,8 @@ namespace deform {
 
 namespace {
 
-constexpr std::size_t grain = 4096;
-constexpr std::size_t most_listed = 100;
-constexpr double infinity = std::numeric_limits<double>::infinity();
+constexpr std::size_t elements_per_range = 4096;
+constexpr std::size_t most_elements_listed = 100;
 
 struct Measured {
   double scaled_jacobian = 0, volume = 0, edge_ratio = 0, aspect_ratio = 0;
@@ -149,7 +149,7 @@ ElementQuality element_quality(std::span<const Vec3> points, const Elements& ele
   const auto cells = quality::moving_elements(elements, points.size());
   cells->take_as_left_handed(std::move(left_handed));
   std::vector<Measured> all(n);
-  parallel_for(context, n, grain, [&](std::size_t begin, std::size_t end) {
+  parallel_for(context, n, elements_per_range, [&](std::size_t begin, std::size_t end) {
     for (std::size_t e = begin; e < end; ++e) all[e] = measure(points, elements, *cells, e);
   });
   std::array<std::size_t, element_types> counts{};
@@ -173,7 +173,7 @@ ElementQuality element_quality(std::span<const Vec3> points, const Elements& ele
   }
   result.worst.resize(n);
   std::iota(result.worst.begin(), result.worst.end(), std::size_t{0});
-  const auto listed = static_cast<std::ptrdiff_t>(std::min(n, most_listed));
+  const auto listed = static_cast<std::ptrdiff_t>(std::min(n, most_elements_listed));
   std::partial_sort(result.worst.begin(), result.worst.begin() + listed, result.worst.end(), [&](std::size_t a, std::size_t b) {
     return all[a].scaled_jacobian != all[b].scaled_jacobian ? all[a].scaled_jacobian < all[b].scaled_jacobian : a < b;
   });

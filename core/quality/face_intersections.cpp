@@ -15,7 +15,7 @@ namespace deform {
 
 namespace {
 
-constexpr std::size_t grain = 1024;  // faces
+constexpr std::size_t candidates_per_range = 1024;  // faces
 /// A triangle that intersects more at rest is taken to intersect whatever is near it.
 constexpr std::size_t most_partners = 32;
 
@@ -64,7 +64,7 @@ void IntersectionCheck::for_each_pair(const TriangleTree& tree, std::span<const 
     }
     return triangle;
   };
-  parallel_for(context, faces_, grain, [&](std::size_t begin, std::size_t end) {
+  parallel_for(context, faces_, candidates_per_range, [&](std::size_t begin, std::size_t end) {
     for (std::uint32_t t = starts_[begin]; t < starts_[end]; ++t) {
       const SurfaceTriangle triangle = placed(t);
       if (has_no_area(triangle.corners)) continue;

@@ -11,7 +11,7 @@ namespace deform::quality {
 
 namespace {
 
-constexpr std::size_t grain = 4096;
+constexpr std::size_t pairs_per_range = 4096;
 constexpr std::size_t most_faces = 4;  // at an edge
 constexpr double thinnest = 1e-12;     // area over the square of the way around
 
@@ -127,7 +127,7 @@ std::vector<FacePair> face_pairs(const Mesh& mesh, const FaceCorners& corners, s
     std::vector<std::uint64_t> next(offsets.begin(), offsets.end() - 1);
     for_each_side(corners, normals, [&](PointId from, PointId to, FaceId face) { sides[next[from]++] = {to, face}; });
   }
-  parallel_for(context, mesh.point_count(), grain, [&](std::size_t begin, std::size_t end) {
+  parallel_for(context, mesh.point_count(), pairs_per_range, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       std::sort(sides.begin() + static_cast<std::ptrdiff_t>(offsets[i]),
                 sides.begin() + static_cast<std::ptrdiff_t>(offsets[i + 1]),
@@ -145,7 +145,7 @@ std::vector<FacePair> face_pairs(const Mesh& mesh, const FaceCorners& corners, s
   std::vector<FacePair> pairs;
   pairs.reserve(count);
   for_all([&](const FacePair& pair) { pairs.push_back(pair); });
-  parallel_for(context, pairs.size(), grain, [&](std::size_t begin, std::size_t end) {
+  parallel_for(context, pairs.size(), pairs_per_range, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       FacePair& pair = pairs[i];
       const Turn turn = turn_between(normals[pair.first], normals[pair.second], rest[pair.to] - rest[pair.from]);

@@ -9,6 +9,7 @@
 #include "core/base/error.h"
 #include "core/base/parallel.h"
 #include "core/base/vectors.h"
+#include "core/quality/infinity.h"
 #include "core/quality/linear_fit.h"
 
 namespace deform::quality {
@@ -17,7 +18,6 @@ namespace {
 
 constexpr std::size_t batch_size = 8;  // fields whose values at a node are in one line of the cache
 constexpr std::size_t clusters_grain = 128;
-constexpr double infinity = std::numeric_limits<double>::infinity();
 constexpr double node_rounding = 16 * 0x1p-53;  // of differences from the first node, and of their products
 constexpr double most_share = 255;
 constexpr double summed = 1 + 1e-12;  // for the rounding of short sums

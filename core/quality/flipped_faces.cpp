@@ -23,7 +23,7 @@ namespace {
 
 using namespace quality;
 
-constexpr std::size_t grain = 8192;
+constexpr std::size_t faces_per_range = 8192;
 constexpr int most_rows = 32;  // rows of crushed faces across which normals are extrapolated
 // cos^2 of 30 degrees: two faces that turned by less, with at most 15 degrees between them at rest, have |delta| <= 90.
 constexpr double square_of_calm = 0.75;
@@ -126,7 +126,7 @@ class FlipCheck::Impl {
 
   std::vector<Vec3> unit_normals(std::span<const Vec3> points, const RunContext& context) const {
     std::vector<Vec3> normals(size());
-    parallel_for(context, size(), grain, [&](std::size_t begin, std::size_t end) {
+    parallel_for(context, size(), faces_per_range, [&](std::size_t begin, std::size_t end) {
       for (std::size_t f = begin; f < end; ++f) normals[f] = unit_normal(points, corners_[f], rounding_);
     });
     return normals;
@@ -141,7 +141,7 @@ class FlipCheck::Impl {
     still_->find_moved(corners_, rest_, points, motion, context);
     std::atomic<std::size_t> all{0};
     std::atomic<bool> any_crushed{false};
-    parallel_for(context, size(), grain, [&](std::size_t begin, std::size_t end) {
+    parallel_for(context, size(), faces_per_range, [&](std::size_t begin, std::size_t end) {
       std::size_t count = 0;
       for (std::size_t f = begin; f < end; ++f) {
         if (motion[f] == still) continue;
@@ -171,7 +171,7 @@ class FlipCheck::Impl {
                   std::size_t count, const RunContext& context) const {
     const auto normal = [&](FaceId f) { return normals.empty() ? unit_normal(points, corners_[f], rounding_) : normals[f]; };
     std::atomic<bool> found{false};
-    parallel_for(context, count, grain, [&](std::size_t begin, std::size_t end) {
+    parallel_for(context, count, faces_per_range, [&](std::size_t begin, std::size_t end) {
       for (std::size_t i = begin; i < end && !found.load(std::memory_order_relaxed); ++i) {
         const FacePair& pair = pairs_[i];
         const char first = motion[pair.first], second = motion[pair.second];
@@ -186,7 +186,7 @@ class FlipCheck::Impl {
 
   std::vector<float> changes(std::span<const Vec3> points, const std::vector<Vec3>& normals, const RunContext& context) const {
     std::vector<float> cosines(pairs_.size());
-    parallel_for(context, pairs_.size(), grain, [&](std::size_t begin, std::size_t end) {
+    parallel_for(context, pairs_.size(), faces_per_range, [&](std::size_t begin, std::size_t end) {
       for (std::size_t i = begin; i < end; ++i) {
         cosines[i] = change(points, pairs_[i], normals[pairs_[i].first], normals[pairs_[i].second]);
       }
@@ -197,7 +197,7 @@ class FlipCheck::Impl {
   /// Takes the normals of crushed faces away, and says which these are.
   std::vector<char> drop_crushed(std::span<const Vec3> points, std::vector<Vec3>& normals, const RunContext& context) const {
     std::vector<char> crushed(size());
-    parallel_for(context, size(), grain, [&](std::size_t begin, std::size_t end) {
+    parallel_for(context, size(), faces_per_range, [&](std::size_t begin, std::size_t end) {
       for (std::size_t f = begin; f < end; ++f) {
         crushed[f] = takes_part(f) && (normals[f] == Vec3{} || is_crushed(rest_, points, corners_[f], rest_normal(f)));
         if (crushed[f]) normals[f] = {};
@@ -253,7 +253,7 @@ class FlipCheck::Impl {
     }
     const double limit = std::max(rounding_, no_motion * std::min(largest, diagonal_));
     std::vector<char> held(size());
-    parallel_for(context, size(), grain, [&](std::size_t begin, std::size_t end) {
+    parallel_for(context, size(), faces_per_range, [&](std::size_t begin, std::size_t end) {
       for (std::size_t f = begin; f < end; ++f) {
         if (!takes_part(f) || crushed[f] || !(dot(rest_normal(f), normals[f]) > 0.5)) continue;
         const auto corners = corners_[f];

@@ -14,7 +14,7 @@ namespace {
 
 using namespace quality;
 
-constexpr std::size_t grain = 4096;
+constexpr std::size_t curvatures_per_range = 4096;
 constexpr double degenerate = 1e-10;  // twice the area over the longest edge squared
 
 /// The contribution of triangles to one of their corners: the gradient of their area, and the share of the corner in it.
@@ -57,7 +57,7 @@ class Curvatures {
     measure_middles();
     const std::size_t n = mesh_.point_count();
     MeanCurvature result{std::vector<double>(n), std::vector<double>(n)};
-    parallel_for(context_, n, grain, [&](std::size_t begin, std::size_t end) {
+    parallel_for(context_, n, curvatures_per_range, [&](std::size_t begin, std::size_t end) {
       std::vector<EdgeUse> edges;
       for (std::size_t i = begin; i < end; ++i) {
         const auto point = static_cast<PointId>(i);
@@ -78,7 +78,7 @@ class Curvatures {
     const std::size_t faces = mesh_.face_count();
     middle_.resize(faces);
     middle_share_.resize(faces);
-    parallel_for(context_, faces, grain, [&](std::size_t begin, std::size_t end) {
+    parallel_for(context_, faces, curvatures_per_range, [&](std::size_t begin, std::size_t end) {
       for (std::size_t f = begin; f < end; ++f) {
         const auto corners = adjacency_.points_of(static_cast<FaceId>(f));
         if (corners.size() <= 3) continue;

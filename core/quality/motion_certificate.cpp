@@ -9,6 +9,7 @@
 #include "core/base/parallel.h"
 #include "core/base/vectors.h"
 #include "core/quality/four_floats.h"
+#include "core/quality/infinity.h"
 #include "core/quality/linear_fit.h"
 
 namespace deform::quality {
@@ -23,8 +24,7 @@ using quality::operator+;
 using quality::operator-;
 using quality::operator*;
 
-constexpr std::size_t grain = 4096;
-constexpr double infinity = std::numeric_limits<double>::infinity();
+constexpr std::size_t tolerances_per_range = 4096;
 constexpr double half_float_ulp = 0x1p-24;
 constexpr double determinant_rounding = 1e-9;  // far more than exact states have
 constexpr std::size_t most_local = 0xffff;     // nodes in a block
@@ -171,7 +171,7 @@ struct MotionCertificate::Block {
 MotionCertificate::MotionCertificate(std::span<const Vec3> rest, const MovingCells& cells, std::span<const char> left_out,
                                      std::span<const double> determinants, const RunContext& context)
     : rest_(rest), nodes_(cells.nodes()), distortion_(cells.distortion()), tolerances_(cells.size(), kept({})) {
-  parallel_for(context, tolerances_.size(), grain, [&](std::size_t begin, std::size_t end) {
+  parallel_for(context, tolerances_.size(), tolerances_per_range, [&](std::size_t begin, std::size_t end) {
     for (std::size_t c = begin; c < end; ++c) {
       if (left_out[c]) continue;
       const CellTolerance found = cells.motion_tolerance(rest_, c, determinants[c]);
@@ -195,7 +195,7 @@ void MotionCertificate::order_cells(std::span<const char> left_out, const RunCon
   const Box box = bounding_box(rest_);
   const double side = std::max({box.side(0), box.side(1), box.side(2)});
   std::vector<std::pair<std::uint64_t, std::uint32_t>> keys(tolerances_.size());
-  parallel_for(context, keys.size(), grain, [&](std::size_t begin, std::size_t end) {
+  parallel_for(context, keys.size(), tolerances_per_range, [&](std::size_t begin, std::size_t end) {
     for (std::size_t c = begin; c < end; ++c) {
       std::uint64_t key = 0;
       for (std::size_t k = 0; !left_out[c] && k < 3; ++k) {

@@ -9,6 +9,7 @@
 #include "core/base/checks.h"
 #include "core/base/error.h"
 #include "core/quality/bernstein.h"
+#include "core/quality/infinity.h"
 #include "core/quality/moving_cells.h"
 #include "core/quality/quadratic_map.h"
 #include "core/quality/scaled_jacobian.h"
@@ -17,13 +18,13 @@ namespace deform::quality {
 
 namespace {
 
-constexpr double tolerance = 1e-14;           // of the product of lengths; rounding is about a tenth of it
-constexpr double on_the_way = tolerance / 2;  // so that what is not inverted at its start has not got its root there
-constexpr double infinity = std::numeric_limits<double>::infinity();
+constexpr double element_tolerance = 1e-14;  // of the product of lengths; rounding is about a tenth of it
+constexpr double element_on_the_way =
+    element_tolerance / 2;  // so that what is not inverted at its start has not got its root there
 
 template <std::size_t N>
 bool collapsed(const std::array<Vec3, N>& edges) {
-  return !(determinant(edges, edges, tolerance)[0] > 0);
+  return !(determinant(edges, edges, element_tolerance)[0] > 0);
 }
 
 /// From the columns at every corner or node, in the order in which they are numbered.
@@ -100,7 +101,7 @@ class MovingElements : public MovingCells {
   double first_inversion(PointSpan from, PointSpan to, std::size_t e, double bound) const override {
     double first = infinity;
     for (std::size_t k = 0; k < places(e); ++k) {
-      const auto p = determinant(columns(from, e, k), columns(to, e, k), on_the_way);
+      const auto p = determinant(columns(from, e, k), columns(to, e, k), element_on_the_way);
       first = std::min(first, first_not_positive(p, 0, 1, std::min(first, bound)));
     }
     return first;
@@ -192,7 +193,7 @@ class MovingFaces : public MovingCells {
   double first_inversion(PointSpan from, PointSpan to, std::size_t f, double bound) const override {
     double first = infinity;
     for (std::size_t c = 0; c < face(f).size(); ++c) {
-      const auto p = determinant(corner(from, f, c), corner(to, f, c), on_the_way);
+      const auto p = determinant(corner(from, f, c), corner(to, f, c), element_on_the_way);
       first = std::min(first, first_not_positive(p, 0, 1, std::min(first, bound)));
     }
     return first;

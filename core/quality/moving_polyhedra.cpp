@@ -18,9 +18,9 @@ using quality::operator+;
 using quality::operator-;
 using quality::operator*;
 
-constexpr double tolerance = 1e-13;           // of areas times the size of the cell: several times the rounding of long sums
-constexpr double on_the_way = tolerance / 2;  // so that what is not inverted at its start is not so right after it
-constexpr double resolution = 1e-12;          // of s
+constexpr double cell_tolerance = 1e-13;  // of areas times the size of the cell: several times the rounding of long sums
+constexpr double cell_on_the_way = cell_tolerance / 2;  // so that what is not inverted at its start is not so right after it
+constexpr double resolution = 1e-12;                    // of s
 constexpr double least_step = 1e-30;
 
 /// A place that moves straight: start + s slope.
@@ -207,7 +207,7 @@ class MovingPolyhedra : public MovingCells {
     const Body<Fixed>& body = resting(points, c, handed(c));
     State state{body.faces.empty() ? 0.0 : 1.0, body.faces.empty()};
     bool is_volume = true;
-    measure(body, Moment{}, tolerance, [&](double normalized, double margin) {
+    measure(body, Moment{}, cell_tolerance, [&](double normalized, double margin) {
       if (std::isnan(normalized)) normalized = 0;
       state.inverted = state.inverted || !(margin > 0);
       if (!is_volume || state.inverted) state.determinant = std::min(state.determinant, normalized);
@@ -322,15 +322,15 @@ class MovingPolyhedra : public MovingCells {
 
   static bool sound(const Body<Fixed>& body) {
     bool sound = !body.faces.empty();
-    measure(body, Moment{}, tolerance, [&](double, double margin) { return sound = margin > 0; });
+    measure(body, Moment{}, cell_tolerance, [&](double, double margin) { return sound = margin > 0; });
     return sound;
   }
 
   static bool proven(const Body<Straight>& body, double low, double high) {
     bool sound = true;
     const auto use = [&](double, double margin) { return sound = margin > 0; };
-    measure(body, Moment{high}, on_the_way, use);  // cheap, and where it fails there is nothing to prove
-    if (sound) measure(body, Span{0.5 * (low + high), 0.5 * (high - low)}, on_the_way, use);
+    measure(body, Moment{high}, cell_on_the_way, use);  // cheap, and where it fails there is nothing to prove
+    if (sound) measure(body, Span{0.5 * (low + high), 0.5 * (high - low)}, cell_on_the_way, use);
     return sound;
   }
 

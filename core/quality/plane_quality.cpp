@@ -17,7 +17,7 @@ namespace deform {
 
 namespace {
 
-constexpr std::size_t grain = 4096;
+constexpr std::size_t plane_elements_per_range = 4096;
 
 /// The interior angle at a corner, 0..2 pi; of a collapsed one 0.
 double interior_angle(const Vec3& next, const Vec3& before) {
@@ -54,7 +54,7 @@ PlaneQuality plane_quality(std::span<const Vec3> points, const Mesh& mesh, std::
   std::vector<double> skew(n);
   std::vector<char> inverted(n);
   result.scaled_jacobian.resize(n);
-  parallel_for(context, n, grain, [&](std::size_t begin, std::size_t end) {
+  parallel_for(context, n, plane_elements_per_range, [&](std::size_t begin, std::size_t end) {
     for (std::size_t f = begin; f < end; ++f) {
       const auto state = cells->state(points, f);
       result.scaled_jacobian[f] = state.determinant;

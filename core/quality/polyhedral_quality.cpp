@@ -22,7 +22,7 @@ using namespace quality;
 
 constexpr double tiny = 1e-150;  // OpenFOAM's ROOTVSMALL
 constexpr double right = 1e-15;  // OpenFOAM's SMALL: a cosine that is no larger is an error
-constexpr std::size_t grain = 4096;
+constexpr std::size_t polyhedra_per_range = 4096;
 
 class Measures {
  public:
@@ -51,7 +51,7 @@ class Measures {
     centre_.resize(n);
     area_.resize(n);
     flatness_.resize(n);
-    parallel_for(context_, n, grain, [&](std::size_t begin, std::size_t end) {
+    parallel_for(context_, n, polyhedra_per_range, [&](std::size_t begin, std::size_t end) {
       for (std::size_t f = begin; f < end; ++f) measure_face(f);
     });
     result_.least_area.value = std::numeric_limits<double>::infinity();
@@ -135,7 +135,7 @@ class Measures {
     result_.left_handed = static_cast<std::size_t>(std::count(limits_.left_handed.begin(), limits_.left_handed.end(), 1));
     moving->take_as_left_handed(limits_.left_handed);
     std::vector<char> inverted(result_.cells);
-    parallel_for(context_, inverted.size(), grain, [&](std::size_t begin, std::size_t end) {
+    parallel_for(context_, inverted.size(), polyhedra_per_range, [&](std::size_t begin, std::size_t end) {
       for (std::size_t c = begin; c < end; ++c) inverted[c] = moving->state(points_, c).inverted;
     });
     for (std::size_t c = 0; c < inverted.size(); ++c) {
@@ -195,7 +195,7 @@ class Measures {
     const std::size_t n = cells_.face_count(), internal = cells_.internal_faces();
     std::vector<double> cosine(internal), skewness(n);
     std::vector<char> wrong(n);  // pyramids
-    parallel_for(context_, n, grain, [&](std::size_t begin, std::size_t end) {
+    parallel_for(context_, n, polyhedra_per_range, [&](std::size_t begin, std::size_t end) {
       for (std::size_t f = begin; f < end; ++f) {
         const Vec3& own = cell_centre_[cells_.owner[f]];
         wrong[f] = dot(area_[f], centre_[f] - own) / 3 < limits_.pyramid_volume ? 1 : 0;

@@ -8,14 +8,14 @@
 
 #include "core/base/vectors.h"
 #include "core/quality/cell_tolerance.h"
+#include "core/quality/infinity.h"
 
 namespace deform::quality {
 
 namespace {
 
-constexpr double infinity = std::numeric_limits<double>::infinity();
 constexpr double least_cosine = 1e-4;    // below which nothing is said
-constexpr double rounding = 1e-12;       // of the cell: far more than coordinates lose when they are taken from its first point
+constexpr double cell_rounding = 1e-12;  // of the cell: far more than coordinates lose when they are taken from its first point
 constexpr double most_of_product = 0.9;  // of a pyramid, that it may lose
 constexpr double most_of_volume = 0.5;
 constexpr double most_of_sizes = 0.5;  // of a face's triangles
@@ -184,7 +184,7 @@ Change change(const Face& face, double chi, double r) {
 /// a pyramid may be lost. Before B, under which all products of A and ways are multiplied by its determinant. Convex along rays
 /// from chi = 1, r = 0, where it is 0: so it is at most theta times the value at theta = 1.
 double loss(const Cell& cell, double chi, double r, std::vector<Change>& changes) {
-  r += rounding * cell.extent;
+  r += cell_rounding * cell.extent;
   changes.clear();
   double mean = 0;
   for (const Face& face : cell.faces) mean += changes.emplace_back(change(face, chi, r)).centre;

@@ -18,7 +18,7 @@ namespace {
 
 using namespace quality;
 
-constexpr std::size_t grain = 4096;
+constexpr std::size_t points_per_range = 4096;
 
 struct Jump {
   PointId point = 0;
@@ -76,10 +76,10 @@ RegionJumps region_jumps(const Mesh& mesh, std::span<const std::uint32_t> labels
                                                  std::to_string(n) + " points");
   }
   const Borders borders(mesh, labels, curvature);
-  std::vector<std::vector<Jump>> blocks((n + grain - 1) / grain);
-  parallel_for(context, n, grain, [&](std::size_t begin, std::size_t end) {
+  std::vector<std::vector<Jump>> blocks((n + points_per_range - 1) / points_per_range);
+  parallel_for(context, n, points_per_range, [&](std::size_t begin, std::size_t end) {
     std::vector<EdgeUse> edges;
-    for (std::size_t i = begin; i < end; ++i) borders.append(static_cast<PointId>(i), edges, blocks[begin / grain]);
+    for (std::size_t i = begin; i < end; ++i) borders.append(static_cast<PointId>(i), edges, blocks[begin / points_per_range]);
   });
   RegionJumps result;
   double normals = 0, curvatures = 0;

@@ -24,12 +24,12 @@ using quality::FieldBounds;
 using quality::MotionCertificate;
 using quality::MovingCells;
 
-constexpr std::size_t grain = 1024;
+constexpr std::size_t cells_per_range = 1024;
 constexpr std::size_t blocks_grain = 32;
 constexpr std::size_t clusters_grain = 1024;
 constexpr std::size_t few = 4;              // of the cells one: fewer are looked at one by one
 constexpr std::size_t suspects_grain = 16;  // each takes long
-constexpr std::size_t most_listed = 100;
+constexpr std::size_t most_cells_listed = 100;
 constexpr double surely_finite = 1e100;
 constexpr double flatness = 1e-9;  // of the diagonal: how far points of a mesh in the plane may lie off it
 
@@ -78,7 +78,7 @@ std::size_t first_off_plane(std::span<const Vec3> points) {
 /// As rest has them; nothing to do where no cell is other than the format wants it.
 std::vector<char> left_handed(const MovingCells& cells, std::span<const Vec3> rest, const RunContext& context) {
   std::vector<quality::Orientation> orientations(cells.size());
-  parallel_for(context, cells.size(), grain, [&](std::size_t begin, std::size_t end) {
+  parallel_for(context, cells.size(), cells_per_range, [&](std::size_t begin, std::size_t end) {
     for (std::size_t c = begin; c < end; ++c) orientations[c] = cells.orientation(rest, c);
   });
   const auto mirrored = std::count(orientations.begin(), orientations.end(), quality::Orientation::mirrored);
@@ -130,7 +130,7 @@ class InversionCheck::Impl {
     all_cells->list_nodes();
     cells_ = std::move(all_cells);
     std::vector<Look> all(size());
-    parallel_for(context, size(), grain, [&](std::size_t begin, std::size_t end) {
+    parallel_for(context, size(), cells_per_range, [&](std::size_t begin, std::size_t end) {
       for (std::size_t c = begin; c < end; ++c) all[c] = {c, cells_->state(rest_, c)};
     });
     at_rest_ = summary(all);
@@ -171,7 +171,7 @@ class InversionCheck::Impl {
 
   std::size_t below(double margin, std::span<const Vec3> rest, std::span<const Vec3> points, const RunContext& context) const {
     std::atomic<std::size_t> count{0};
-    parallel_for(context, size(), grain, [&](std::size_t begin, std::size_t end) {
+    parallel_for(context, size(), cells_per_range, [&](std::size_t begin, std::size_t end) {
       std::size_t of_range = 0;
       for (std::size_t c = begin; c < end; ++c) {
         if (excluded_[c] || cells_->state(points, c).determinant >= margin) continue;
@@ -269,22 +269,22 @@ class InversionCheck::Impl {
     const FieldBounds::Doubtful cells = motion == nullptr ? FieldBounds::Doubtful{doubtful(points, least.load(), context), {}}
                                                           : doubtful(points, *motion, least.load(), context);
     const std::vector<std::uint32_t>& unproven = cells.unproven;
-    std::vector<std::vector<Look>> looks((unproven.size() + grain - 1) / grain);
+    std::vector<std::vector<Look>> looks((unproven.size() + cells_per_range - 1) / cells_per_range);
     std::vector<std::vector<Suspect>> suspects(looks.size());
-    parallel_for(context, unproven.size(), grain, [&](std::size_t begin, std::size_t end) {
+    parallel_for(context, unproven.size(), cells_per_range, [&](std::size_t begin, std::size_t end) {
       for (std::size_t i = begin; i < end; ++i) {
         const std::size_t c = unproven[i];
         const MotionCertificate::Stretch stretch = certificate_->stretch(points, c);
         const auto bound = certificate_->bound(c, stretch);
-        if (!bound.sound) suspects[begin / grain].push_back({c, stretch});
+        if (!bound.sound) suspects[begin / cells_per_range].push_back({c, stretch});
         if (bound.sound && bound.determinant > least.load(std::memory_order_relaxed)) continue;
-        looks[begin / grain].push_back({c, cells_->state(points, c)});
-        lower(least, looks[begin / grain].back().state.determinant);
+        looks[begin / cells_per_range].push_back({c, cells_->state(points, c)});
+        lower(least, looks[begin / cells_per_range].back().state.determinant);
       }
     });
     // A bound of their deformation would take as long as their state and hardly ever save it.
     std::vector<Look> low(cells.low.size());
-    parallel_for(context, low.size(), grain, [&](std::size_t begin, std::size_t end) {
+    parallel_for(context, low.size(), cells_per_range, [&](std::size_t begin, std::size_t end) {
       for (std::size_t i = begin; i < end; ++i) low[i] = {cells.low[i], cells_->state(points, cells.low[i])};
     });
     std::vector<Look> all = joined(std::move(looks));
@@ -297,7 +297,7 @@ class InversionCheck::Impl {
   std::vector<Suspect> stretched(std::span<const Vec3> to, std::span<const std::uint32_t> cells,
                                  const RunContext& context) const {
     std::vector<Suspect> all(cells.size());
-    parallel_for(context, cells.size(), grain, [&](std::size_t begin, std::size_t end) {
+    parallel_for(context, cells.size(), cells_per_range, [&](std::size_t begin, std::size_t end) {
       for (std::size_t i = begin; i < end; ++i) all[i] = {cells[i], certificate_->stretch(to, cells[i])};
     });
     return all;
@@ -306,7 +306,7 @@ class InversionCheck::Impl {
   /// Those that the bounds of their deformation do not clear.
   std::vector<Suspect> most_deformed_first(const Start& start, std::vector<Suspect> suspects, const RunContext& context) const {
     std::vector<char> clear(suspects.size());
-    parallel_for(context, suspects.size(), grain, [&](std::size_t begin, std::size_t end) {
+    parallel_for(context, suspects.size(), cells_per_range, [&](std::size_t begin, std::size_t end) {
       for (std::size_t i = begin; i < end; ++i) clear[i] = cleared(start, suspects[i], 1) ? 1 : 0;
     });
     std::size_t left = 0;
@@ -360,7 +360,7 @@ class InversionCheck::Impl {
       if (state.determinant < result.least_determinant.value) result.least_determinant = {state.determinant, c};
     }
     result.count = result.worst.size();
-    const auto listed = static_cast<std::ptrdiff_t>(std::min(result.count, most_listed));
+    const auto listed = static_cast<std::ptrdiff_t>(std::min(result.count, most_cells_listed));
     std::partial_sort(result.worst.begin(), result.worst.begin() + listed, result.worst.end(),
                       [](const Extreme& a, const Extreme& b) { return a.value != b.value ? a.value < b.value : a.id < b.id; });
     result.worst.resize(static_cast<std::size_t>(listed));

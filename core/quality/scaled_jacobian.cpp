@@ -5,13 +5,12 @@
 #include <limits>
 
 #include "core/base/vectors.h"
+#include "core/quality/infinity.h"
 #include "core/quality/quadratic_map.h"
 
 namespace deform {
 
 namespace {
-
-constexpr double infinity = std::numeric_limits<double>::infinity();
 
 double scaled_determinant(const Vec3& a, const Vec3& b, const Vec3& c) {
   const double lengths = length(a) * length(b) * length(c);

@@ -14,9 +14,9 @@ namespace deform::quality {
 
 namespace {
 
-constexpr std::size_t grain = 8192;
+constexpr std::size_t still_faces_per_range = 8192;
 constexpr double sine = 0.5, sharp_sine = 0.2588;  // of 30 and 15 degrees
-constexpr double rounding = 2.5e-7;                // of differences of floats, over the largest of them
+constexpr double float_rounding = 2.5e-7;          // of differences of floats, over the largest of them
 
 // A displacement, and a 0: the components are handled at once, which compilers do not find out by themselves.
 using Four = float __attribute__((vector_size(16)));
@@ -42,7 +42,7 @@ StillFaces::StillFaces(const FaceCorners& corners, std::span<const Vec3> rest, s
     : limits_(corners.size()) {
   std::vector<char> has_sharp(corners.size());
   for (const FacePair& pair : sharp) has_sharp[pair.first] = has_sharp[pair.second] = 1;
-  parallel_for(context, limits_.size(), grain, [&](std::size_t begin, std::size_t end) {
+  parallel_for(context, limits_.size(), still_faces_per_range, [&](std::size_t begin, std::size_t end) {
     for (std::size_t f = begin; f < end; ++f) {
       const auto at = corners[f];
       limits_[f] = std::numeric_limits<float>::max();
@@ -62,8 +62,8 @@ void StillFaces::find_moved(const FaceCorners& corners, std::span<const Vec3> re
                             std::vector<char>& moved, const RunContext& context) const {
   if (limits_.empty()) return;
   const auto u = std::make_unique_for_overwrite<Four[]>(points.size());
-  std::vector<float> largest((points.size() + grain - 1) / grain);
-  parallel_for(context, points.size(), grain, [&](std::size_t begin, std::size_t end) {
+  std::vector<float> largest((points.size() + still_faces_per_range - 1) / still_faces_per_range);
+  parallel_for(context, points.size(), still_faces_per_range, [&](std::size_t begin, std::size_t end) {
     Four low = {}, high = {};
     for (std::size_t i = begin; i < end; ++i) {
       const Vec3 d = points[i] - rest[i];
@@ -71,10 +71,10 @@ void StillFaces::find_moved(const FaceCorners& corners, std::span<const Vec3> re
       low = u[i] < low ? u[i] : low;
       high = u[i] > high ? u[i] : high;
     }
-    largest[begin / grain] = std::max({high[0], high[1], high[2], -low[0], -low[1], -low[2]});
+    largest[begin / still_faces_per_range] = std::max({high[0], high[1], high[2], -low[0], -low[1], -low[2]});
   });
-  const float error = static_cast<float>(rounding) * *std::max_element(largest.begin(), largest.end());
-  parallel_for(context, limits_.size(), grain, [&](std::size_t begin, std::size_t end) {
+  const float error = static_cast<float>(float_rounding) * *std::max_element(largest.begin(), largest.end());
+  parallel_for(context, limits_.size(), still_faces_per_range, [&](std::size_t begin, std::size_t end) {
     if (corners.triangles()) {
       for (std::size_t f = begin; f < end; ++f) {
         const PointId* at = corners.triangle(f);

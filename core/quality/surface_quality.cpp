@@ -9,6 +9,7 @@
 #include "core/base/error.h"
 #include "core/base/parallel.h"
 #include "core/mesh/inspect.h"
+#include "core/quality/infinity.h"
 #include "core/quality/polygon.h"
 #include "core/quality/summary.h"
 
@@ -18,7 +19,7 @@ namespace {
 
 using namespace quality;
 
-constexpr std::size_t grain = 4096;
+constexpr std::size_t surface_elements_per_range = 4096;
 constexpr double pi = std::numbers::pi;
 
 /// 2 r / R of a triangle = 16 A^2 / ((a + b + c) a b c).
@@ -113,11 +114,10 @@ SurfaceQuality surface_quality(const Mesh& mesh, const RunContext& context) {
   if (n == 0) throw Error(ErrorCode::invalid_argument, "the mesh has no faces");
   const Surface surface(mesh);
   std::vector<Measured> all(n);
-  parallel_for(context, n, grain, [&](std::size_t begin, std::size_t end) {
+  parallel_for(context, n, surface_elements_per_range, [&](std::size_t begin, std::size_t end) {
     std::vector<PointId> scratch;
     for (std::size_t f = begin; f < end; ++f) all[f] = surface.measure(f, scratch);
   });
-  constexpr double infinity = std::numeric_limits<double>::infinity();
   SurfaceQuality result;
   result.points = mesh.point_count();
   result.faces = n;

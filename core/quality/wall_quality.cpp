@@ -12,6 +12,7 @@
 #include "core/base/checks.h"
 #include "core/base/error.h"
 #include "core/quality/boundary_owners.h"
+#include "core/quality/infinity.h"
 #include "core/quality/polygon.h"
 
 namespace deform {
@@ -19,8 +20,6 @@ namespace deform {
 namespace {
 
 using namespace quality;
-
-constexpr double infinity = std::numeric_limits<double>::infinity();
 
 /// A cell of the first layer by its edges; every end of an edge is a point of the cell.
 using Edges = std::vector<std::pair<PointId, PointId>>;

@@ -1,0 +1,10 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <limits>
+
+namespace deform {
+
+inline constexpr double infinity = std::numeric_limits<double>::infinity();
+
+}  // namespace deform
