@@ -187,7 +187,10 @@ class BehindProxy(Replicas):
         self.launch_proxy()
         self.wait_until(lambda: self.deform("status", expect=None).code == 0 or self.proxy.poll() is not None, "haproxy answers")
         if self.proxy.poll() is not None:
-            self.fail(read_bytes(self.path("haproxy.log")).decode())
+            self.fail(self.proxy_log())
+
+    def proxy_log(self):
+        return read_bytes(self.path("haproxy.log")).decode()
 
     def launch_proxy(self, **settings):
         """The file that is shipped, but for its own port; with variables besides proxy_settings()."""
