@@ -62,11 +62,20 @@ std::string free_name(const std::string& name, const std::set<std::string>& name
   }
 }
 
-void check_name(const std::string& name, const std::string& field, std::set<std::string>& names) {
+/// The names of handles, variables or constraints.
+struct Names {
+  template <typename Named>
+  explicit Names(const std::vector<Named>& named) {
+    for (const Named& one : named) all.insert(one.name);
+  }
+  std::set<std::string> all, checked;
+};
+
+void check_name(const std::string& name, const std::string& field, Names& names) {
   if (name.empty()) refuse_argument(field + ": must not be empty");
-  if (!names.insert(name).second)
+  if (!names.checked.insert(name).second)
     refuse_argument(field + ": " + quoted(name) + " is used twice; give each its own name, for instance " +
-                    quoted(free_name(name, names)));
+                    quoted(free_name(name, names.all)));
 }
 
 void check_handle(const Setup& setup, const std::string& name, const std::string& what) {
@@ -96,7 +105,7 @@ void check_motion(const VariableMotion& motion, const std::string& what) {
   }
 }
 
-void validate_variable(const Setup& setup, std::size_t k, std::set<std::string>& names) {
+void validate_variable(const Setup& setup, std::size_t k, Names& names) {
   const DesignVariable& variable = setup.variables[k];
   const std::string field = "variables[" + std::to_string(k) + "]";
   check_name(variable.name, field + ".name", names);
@@ -219,7 +228,7 @@ void check_constraint(const Constraint& constraint, const Mesh& mesh, const std:
 void validate_constraints(const Setup& setup, const Mesh& mesh, SelectedRegions& selected, Problems& problems,
                           const RunContext& context) {
   problems.check("constraint_options", [&] { validate_constraint_options(setup.constraint_options); });
-  std::set<std::string> names;
+  Names names(setup.constraints);
   for (std::size_t i = 0; i < setup.constraints.size(); ++i) {
     const Constraint& constraint = setup.constraints[i];
     const std::string field = indexed("constraints", i);
@@ -337,7 +346,7 @@ SelectedRegions validate(const Setup& setup, const Mesh& mesh, Problems& problem
   problems.check("handles", [&] {
     if (setup.handles.empty()) refuse_argument("handles: at least one is needed");
   });
-  std::set<std::string> names, variable_names;
+  Names names(setup.handles), variable_names(setup.variables);
   for (std::size_t i = 0; i < setup.handles.size(); ++i) {
     const std::string field = indexed("handles", i) + ".name";
     if (problems.concern(field)) continue;

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <limits>
-#include <numeric>
 #include <utility>
 
 #include "core/base/error.h"
@@ -12,13 +11,13 @@
 #include "core/quality/infinity.h"
 #include "core/quality/moving_cells.h"
 #include "core/quality/quadratic_map.h"
+#include "core/quality/summary.h"
 
 namespace deform {
 
 namespace {
 
 constexpr std::size_t elements_per_range = 4096;
-constexpr std::size_t most_elements_listed = 100;
 
 struct Measured {
   double scaled_jacobian = 0, volume = 0, edge_ratio = 0, aspect_ratio = 0;
@@ -171,13 +170,7 @@ ElementQuality element_quality(std::span<const Vec3> points, const Elements& ele
     const double place = (std::clamp(m.scaled_jacobian, -1.0, 1.0) + 1) / 2 * ElementQuality::bins;
     ++result.histogram[std::min(ElementQuality::bins - 1, static_cast<std::size_t>(place))];
   }
-  result.worst.resize(n);
-  std::iota(result.worst.begin(), result.worst.end(), std::size_t{0});
-  const auto listed = static_cast<std::ptrdiff_t>(std::min(n, most_elements_listed));
-  std::partial_sort(result.worst.begin(), result.worst.begin() + listed, result.worst.end(), [&](std::size_t a, std::size_t b) {
-    return all[a].scaled_jacobian != all[b].scaled_jacobian ? all[a].scaled_jacobian < all[b].scaled_jacobian : a < b;
-  });
-  result.worst.resize(static_cast<std::size_t>(listed));
+  result.worst = quality::worst_of(n, [&](std::size_t e) { return all[e].scaled_jacobian; });
   return result;
 }
 

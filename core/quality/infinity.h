@@ -5,6 +5,7 @@
 
 namespace deform {
 
+/// What bounds begin with.
 inline constexpr double infinity = std::numeric_limits<double>::infinity();
 
 }  // namespace deform

@@ -19,8 +19,8 @@ namespace deform::quality {
 namespace {
 
 constexpr double element_tolerance = 1e-14;  // of the product of lengths; rounding is about a tenth of it
-constexpr double element_on_the_way =
-    element_tolerance / 2;  // so that what is not inverted at its start has not got its root there
+// So that what is not inverted at its start has not got its root there.
+constexpr double element_on_the_way = element_tolerance / 2;
 
 template <std::size_t N>
 bool collapsed(const std::array<Vec3, N>& edges) {

@@ -15,6 +15,7 @@
 #include "core/quality/field_bounds.h"
 #include "core/quality/motion_certificate.h"
 #include "core/quality/moving_cells.h"
+#include "core/quality/summary.h"
 
 namespace deform {
 
@@ -29,7 +30,6 @@ constexpr std::size_t blocks_grain = 32;
 constexpr std::size_t clusters_grain = 1024;
 constexpr std::size_t few = 4;              // of the cells one: fewer are looked at one by one
 constexpr std::size_t suspects_grain = 16;  // each takes long
-constexpr std::size_t most_cells_listed = 100;
 constexpr double surely_finite = 1e100;
 constexpr double flatness = 1e-9;  // of the diagonal: how far points of a mesh in the plane may lie off it
 
@@ -360,7 +360,7 @@ class InversionCheck::Impl {
       if (state.determinant < result.least_determinant.value) result.least_determinant = {state.determinant, c};
     }
     result.count = result.worst.size();
-    const auto listed = static_cast<std::ptrdiff_t>(std::min(result.count, most_cells_listed));
+    const auto listed = static_cast<std::ptrdiff_t>(std::min(result.count, quality::most_listed));
     std::partial_sort(result.worst.begin(), result.worst.begin() + listed, result.worst.end(),
                       [](const Extreme& a, const Extreme& b) { return a.value != b.value ? a.value < b.value : a.id < b.id; });
     result.worst.resize(static_cast<std::size_t>(listed));

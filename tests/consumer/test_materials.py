@@ -96,7 +96,8 @@ class Materials(unittest.TestCase):
         """Only where it was built; deform loads nothing of OpenCASCADE either way."""
         prefix = self.install("deform", "tools")
         self.assertNotIn("libocct", json.dumps(self.document(prefix, "deform")))
-        if os.path.exists(os.path.join(prefix, "bin", "deform-cad")):
+        if os.path.exists(os.path.join(BUILD, "client", "cli", "deform-cad")):
+            self.assertTrue(os.access(os.path.join(prefix, "bin", "deform-cad"), os.X_OK))
             self.assertIn("libocct", json.dumps(self.document(prefix, "deform-cad")))
 
     def test_the_same_program_gives_the_same_file(self):

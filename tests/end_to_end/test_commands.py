@@ -365,7 +365,7 @@ class Flow(EndToEnd):
         regions = [alone, "cad-regions", "part with blanks.step", "-", "-o", "", "--json"]
         missing = subprocess.run(regions, capture_output=True, text=True, timeout=60)
         self.assertEqual(missing.returncode, 1)
-        self.assertRegex(missing.stderr, "^deform: (this program was built without CAD|the program deform-cad does not lie beside deform)")
+        self.assertRegex(missing.stderr, "^deform: (this program was built without CAD|deform-cad does not lie beside deform)")
         self.write("deform-cad", "#!/bin/sh\nprintf '<%s>' \"$@\"\ncat\nexit 7\n")
         refused = subprocess.run(regions, capture_output=True, text=True, timeout=60)
         self.assertEqual(refused.returncode, 1)
@@ -375,6 +375,8 @@ class Flow(EndToEnd):
             other = subprocess.run(command, input="its input", capture_output=True, text=True, timeout=60)
             self.assertEqual(other.stdout, "".join(f"<{argument}>" for argument in command[1:]) + "its input")
             self.assertEqual((other.returncode, other.stderr), (7, ""))
+        if os.path.exists(os.path.join(os.path.dirname(DEFORM), "deform-cad")):
+            self.fails(1, "cad-regions", "no.step", "ahmed.obj", "-o", "s.yaml", says=["no.step"])
 
     def test_exit_codes(self):
         self.fails(2, says=["--help"])

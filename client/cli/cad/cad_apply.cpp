@@ -130,7 +130,7 @@ std::vector<std::string> failures_of(const AppliedCad& applied) {
 }
 
 ExitCode run_cad_apply(const CadApplyCommand& options, const CommonOptions& common) {
-  need_cad();
+  need_cad(common);
   cad::check_request(options.request);
   const auto start = std::chrono::steady_clock::now();
   cad::ApplyRequest request = options.request;
@@ -185,7 +185,7 @@ What is written is valid, also after it was read again; else nothing is written.
 D, the diagonal of the bounding box of the CAD model.
 Exit code 4: a face is off by more than twice the tolerance, faces go through each other, or the mesh and the CAD model differ; the file
 is written all the same.
-CAD files: .step .stp .brep, to read also .iges .igs. The command needs a program that was built with OpenCASCADE (-DDEFORM_WITH_CAD=ON).
+CAD files: .step .stp .brep, to read also .iges .igs. The command needs deform-cad beside deform, which is built with OpenCASCADE (-DDEFORM_WITH_CAD=ON).
 Examples:
   deform cad-apply wing.yaml wing.step --set twist=2 -o twisted.step
   deform cad-apply wing.yaml wing.step --set twist=2 -o twisted.step --tolerance 1e-5 --scale 0.001)";

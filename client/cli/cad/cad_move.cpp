@@ -162,7 +162,7 @@ ApplyOptions interior_options(const CadMoveCommand& options) {
 }
 
 ExitCode run_cad_move(const CadMoveCommand& options, const CommonOptions& common) {
-  need_cad();
+  need_cad(common);
   const std::filesystem::path before = options.request.before, after = options.request.after;
   keep_inputs("--output", options.output, {before, after, options.mesh, options.map});
   keep_inputs("--setup", options.setup, {before, after, options.mesh, options.map, options.output});
@@ -221,7 +221,7 @@ more than one way, are refused. Nodes on what deform cad-apply made of BEFORE go
 A surface mesh is done then, and nothing is asked of a server. The interior of a volume mesh follows by the setup that is written to
 --setup, with the motions beside it, through a server as with deform apply: verdict, --split and --fail-on are those of apply.
 Exit code 4: triangles are flipped, or nodes left their face (the file is written all the same), or what deform apply says.
-CAD files: .step .stp .iges .igs .brep. The command needs a program that was built with OpenCASCADE (-DDEFORM_WITH_CAD=ON).
+CAD files: .step .stp .iges .igs .brep. The command needs deform-cad beside deform, which is built with OpenCASCADE (-DDEFORM_WITH_CAD=ON).
 Examples:
   deform cad-move old.step new.step wing.stl -o moved.stl
   deform cad-move old.step new.step wing.msh --setup wing.yaml -o moved.msh --split adaptive

@@ -230,7 +230,7 @@ nlohmann::ordered_json regions_json(const cad::CadRegions& regions, const Detect
 }
 
 ExitCode run_cad_regions(const CadRegionsCommand& options, const CommonOptions& common) {
-  need_cad();
+  need_cad(common);
   const RegionsInput input = regions_input(options);
   keep_inputs("-o", options.setup, {input.mesh, options.request.model});
   check_folder("-o", options.setup);
@@ -271,7 +271,7 @@ spheres, cones, straight edges and circles become constraints, to be pruned; wha
 a comment. Every face and edge is a set of point ids in a file beside the setup (.points.json), by its name in the CAD file or its type and
 number: {ids: {file: part.points.json, set: cylinder_7}}. Of a setup without constraints, -o continues it; sets that its handles and
 fixed regions hold as a whole are left out. Nothing is asked of a server.
-CAD files: .step .stp .iges .igs .brep. The command needs a program that was built with OpenCASCADE (-DDEFORM_WITH_CAD=ON).
+CAD files: .step .stp .iges .igs .brep. The command needs deform-cad beside deform, which is built with OpenCASCADE (-DDEFORM_WITH_CAD=ON).
 Examples:
   deform cad-regions part.step part.msh -o part.yaml
   deform cad-regions part.step moves.yaml -o constrained.yaml)";

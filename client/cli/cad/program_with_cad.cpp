@@ -5,7 +5,6 @@
 
 #include <cerrno>
 #include <filesystem>
-#include <fstream>
 #include <string>
 #include <system_error>
 #include <vector>
@@ -15,33 +14,24 @@
 
 namespace deform::cli {
 
-namespace {
-
-/// As this process was started, with its name.
-std::vector<std::string> own_arguments() {
-  std::ifstream file("/proc/self/cmdline", std::ios::binary);
-  std::vector<std::string> arguments;
-  for (std::string argument; std::getline(file, argument, '\0');) arguments.push_back(argument);
-  return arguments;
-}
-
-}  // namespace
-
-void need_cad() {
+void need_cad(const CommonOptions& common) {
   if (cad::available()) return;
-  std::error_code none;
-  const std::filesystem::path program = std::filesystem::read_symlink("/proc/self/exe", none).replace_filename("deform-cad");
-  std::vector<std::string> arguments = own_arguments();
-  std::vector<char*> pointers;
-  for (std::string& argument : arguments) pointers.push_back(argument.data());
-  pointers.push_back(nullptr);
-  execv(program.c_str(), pointers.data());
-  const int reason = errno;
-  if (reason != ENOENT) throw Error(ErrorCode::failed_precondition, "deform-cad: " + std::generic_category().message(reason));
+  std::error_code error;
+  const std::filesystem::path own = std::filesystem::read_symlink("/proc/self/exe", error);
+  if (!error) {  // else a name alone would be looked for in the working folder
+    std::vector<std::string> arguments = common.arguments;
+    std::vector<char*> pointers;
+    for (std::string& argument : arguments) pointers.push_back(argument.data());
+    pointers.push_back(nullptr);
+    execv((own.parent_path() / "deform-cad").c_str(), pointers.data());
+    error.assign(errno, std::generic_category());
+  }
+  if (error != std::errc::no_such_file_or_directory) {
+    throw Error(ErrorCode::failed_precondition, "deform-cad: " + error.message());
+  }
 #if DEFORM_WITH_CAD
-  throw Error(
-      ErrorCode::failed_precondition,
-      "the program deform-cad does not lie beside deform: build its target, programs, or install the component tools again");
+  throw Error(ErrorCode::failed_precondition,
+              "deform-cad does not lie beside deform: build both (cmake --build --preset programs), or install them together");
 #else
   cad::require();
 #endif

@@ -285,6 +285,7 @@ int run(int argc, const char* const* argv) {
   const PrintableStream out(std::cout), err(std::cerr);
   setenv("GRPC_VERBOSITY", "NONE", 0);  // errors are printed in one line, by us
   CommonOptions common;
+  common.arguments.assign(argv, argv + argc);
   Action chosen;
   CLI::App app;
   define_command_line(app, common, chosen);

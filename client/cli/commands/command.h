@@ -38,9 +38,10 @@ struct CommonOptions {
   bool tls = false;  ///< also when any option of TLS is given
   client::TlsOptions tls_options;
   std::string token_file;
-  std::string context;          ///< named by hand; empty: the one in use, unless an address is given
-  std::set<std::string> given;  ///< options that the command line or the environment sets, "--server"
-  double timeout_seconds = 0;   ///< of every call; 0 = none
+  std::string context;                 ///< named by hand; empty: the one in use, unless an address is given
+  std::set<std::string> given;         ///< options that the command line or the environment sets, "--server"
+  std::vector<std::string> arguments;  ///< of the process, its name first
+  double timeout_seconds = 0;          ///< of every call; 0 = none
   bool json = false;
 
   Style style() const { return json ? Style::json : Style::text; }

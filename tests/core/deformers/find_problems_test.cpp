@@ -203,7 +203,7 @@ TEST(FindProblems, ANameThatIsUsedTwiceGetsTheNextFreeNumber) {
   setup.handles.push_back({"end", region});
   setup.handles.push_back({"end_2", region});
   EXPECT_THAT(found_in(setup).at(0).message, HasSubstr("handles[1].name: \"end\" is used twice")) << "named as it stands";
-  EXPECT_THAT(found_in(setup).at(0).message, HasSubstr("for instance \"end_2\""));
+  EXPECT_THAT(found_in(setup).at(0).message, HasSubstr("for instance \"end_3\"")) << "\"end_2\" comes after it";
   std::swap(setup.handles[1], setup.handles[2]);
   EXPECT_THAT(found_in(setup).at(0).message, HasSubstr("handles[2].name: \"end\" is used twice"));
   EXPECT_THAT(found_in(setup).at(0).message, HasSubstr("for instance \"end_3\""));
